@@ -10,7 +10,7 @@
 //! | layer | room | what it promises | RT |
 //! |---|---|---|---|
 //! | L0 | [`base`] | time, scalars, small linear algebra, Riccati, integrators; no robot, no I/O | yes |
-//! | L1 | `msg` | the doors: `Copy`, `repr(C)`, fixed size, stamped with time of validity | yes |
+//! | L1 | [`msg`] | the doors: `Copy`, `repr(C)`, fixed size, stamped with time of validity | yes |
 //! | L1 | `model` | machines and effects as equations, generic in the scalar; no time, no I/O | yes |
 //! | L2 | `config` | TOML as typed → checked, valid by construction | before arming |
 //! | L2 | `channel` | names and types of the iceoryx2 services; publish and subscribe without waiting | yes |
@@ -38,3 +38,4 @@
 //! - *CiA 301*, *CiA 402*: CANopen application layer and drive profile. *GX3*: MicroStrain 3DM-GX3 single-byte protocol.
 
 pub mod base;
+pub mod msg;

@@ -181,7 +181,6 @@ impl<const N: usize> Default for Dual<N> {
     }
 }
 impl<const N: usize> PartialEq for Dual<N> {
-    #[expect(clippy::float_cmp, reason = "equality of values is what is asked")]
     fn eq(&self, other: &Self) -> bool {
         self.v == other.v
     }

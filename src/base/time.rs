@@ -3,16 +3,17 @@
 //! No room reads a clock: `now` is an argument, so that tests, the simulator and replay decide the time.
 //! RT: yes.
 
+use iceoryx2::prelude::ZeroCopySend;
 use std::ops::{Add, AddAssign, Sub};
 
 /// An instant, ns since the clock's own zero (CLOCK_MONOTONIC on the robot, 0 in simulation).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(transparent)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, ZeroCopySend)]
+#[repr(C)]
 pub struct Stamp(pub i64);
 
 /// A length of time, ns; may be negative.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(transparent)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, ZeroCopySend)]
+#[repr(C)]
 pub struct Span(pub i64);
 
 impl Stamp {

@@ -1,0 +1,64 @@
+//! What the accumulator and the estimator say. RT: yes.
+
+use super::reflect::message;
+use super::{ImuSample, Leg, TOES};
+use crate::base::time::{Span, Stamp};
+use iceoryx2::prelude::ZeroCopySend;
+
+message! {
+    /// The newest of each sensor in joint units, with ages. An age of a source that never spoke is [`Span`]'s maximum.
+    pub struct Snapshot {
+        /// The tick's time.
+        pub stamp: Stamp,
+        /// Newest IMU sample.
+        pub imu: ImuSample,
+        /// Its age.
+        pub imu_age: Span,
+        /// Absolute angle of the leg that carries the IMU (inner), from the vertical, rad.
+        pub leg_angle_rad: f64,
+        /// Its rate by the gyro, rad/s.
+        pub leg_rate_rad_s: f64,
+        /// Hip angle inner - outer at the joint, rad.
+        pub hip_angle_rad: f64,
+        /// Torque at the hip as the drive reports it, + on inner, joint side, Nm.
+        pub hip_torque_nm: f64,
+        /// Age of the hip's reading.
+        pub hip_age: Span,
+        /// Toe lengths as the drives report them, m, 0 = retracted.
+        pub toe_position_m: [f64; TOES],
+        /// Oldest of the toes' ages.
+        pub toe_age: Span,
+        /// Age of the operator's last sign of life.
+        pub operator_age: Span,
+        /// The dead-man switch is held.
+        pub dead_man: bool,
+    }
+}
+
+message! {
+    /// State of the robot, stance leg first as in the model notes: angles absolute from the vertical.
+    pub struct Estimate {
+        /// Time that it holds for.
+        pub stamp: Stamp,
+        /// False until the estimator has started from fresh sensors.
+        pub valid: bool,
+        /// The leg that stands.
+        pub stance: Leg,
+        /// Stance leg angle, rad.
+        pub theta_stance_rad: f64,
+        /// Swing leg angle, rad.
+        pub theta_swing_rad: f64,
+        /// Stance leg rate, rad/s.
+        pub theta_stance_rad_s: f64,
+        /// Swing leg rate, rad/s.
+        pub theta_swing_rad_s: f64,
+        /// Measured minus estimated stance angle, rad.
+        pub innovation_stance_rad: f64,
+        /// Measured minus estimated swing angle, rad.
+        pub innovation_swing_rad: f64,
+        /// Hip angle inner - outer as measured at the encoder, rad.
+        pub hip_angle_rad: f64,
+        /// Number of stance changes seen.
+        pub steps: u32,
+    }
+}

@@ -1,0 +1,241 @@
+//! What comes in: frames, IMU samples, the operator's hand, and what the bus room reads from them. RT: yes.
+
+use super::reflect::{message, wire_enum};
+use super::{BUSES, DRIVES};
+use crate::base::time::Stamp;
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Most frames of one bus and direction in one tick. A 1 Mbit/s bus carries at most 21 empty frames in 1 ms.
+pub const MAX_FRAMES: usize = 24;
+/// Most IMU samples in one tick (a USB adapter may deliver in bursts).
+pub const MAX_IMU: usize = 8;
+
+message! {
+    /// A classic CAN frame.
+    pub struct CanFrame {
+        /// Identifier with SocketCAN's flag bits: extended 0x8000_0000, remote 0x4000_0000, error 0x2000_0000.
+        pub id: u32,
+        /// Number of data bytes, 0 to 8.
+        pub len: u8,
+        /// Data; bytes from `len` on are zero.
+        pub data: [u8; 8],
+    }
+}
+
+impl CanFrame {
+    /// Flag of a 29-bit identifier.
+    pub const EXTENDED: u32 = 0x8000_0000;
+    /// Flag of a remote request.
+    pub const REMOTE: u32 = 0x4000_0000;
+    /// Flag of an error frame.
+    pub const ERROR: u32 = 0x2000_0000;
+
+    /// A data frame with an 11-bit identifier. At most 8 bytes are taken.
+    #[must_use]
+    pub fn new(id: u16, payload: &[u8]) -> Self {
+        let mut data = [0; 8];
+        let mut len = 0;
+        for (slot, byte) in data.iter_mut().zip(payload) {
+            *slot = *byte;
+            len += 1;
+        }
+        Self { id: u32::from(id & 0x7FF), len, data }
+    }
+
+    /// The bytes that are there.
+    #[must_use]
+    pub fn payload(&self) -> &[u8] {
+        self.data.get(..usize::from(self.len)).unwrap_or(&self.data)
+    }
+
+    /// True for an error frame of the controller (not data from a peer).
+    #[must_use]
+    pub const fn is_error(&self) -> bool {
+        self.id & Self::ERROR != 0
+    }
+}
+
+message! {
+    /// A frame and when it was on the bus.
+    pub struct BusFrame {
+        /// Received: the kernel's receive stamp if there is one. To send: the tick that chose it.
+        pub stamp: Stamp,
+        /// The frame.
+        pub frame: CanFrame,
+    }
+}
+
+message! {
+    /// Frames of one bus, in order.
+    pub struct FrameBatch {
+        /// How many of `frames` are there.
+        pub count: u8,
+        /// Frames lost for want of room, or counted as lost by the kernel, since arming of the process.
+        pub dropped: u32,
+        /// The frames.
+        pub frames: [BusFrame; MAX_FRAMES],
+    }
+}
+
+impl FrameBatch {
+    /// The frames that are there.
+    #[must_use]
+    pub fn as_slice(&self) -> &[BusFrame] {
+        self.frames.get(..usize::from(self.count)).unwrap_or(&self.frames)
+    }
+
+    /// Adds a frame, or counts it as dropped and returns false when there is no room.
+    pub fn push(&mut self, frame: BusFrame) -> bool {
+        match self.frames.get_mut(usize::from(self.count)) {
+            Some(slot) => {
+                *slot = frame;
+                self.count += 1;
+                true
+            }
+            None => {
+                self.dropped = self.dropped.saturating_add(1);
+                false
+            }
+        }
+    }
+
+    /// Forgets the frames, keeps the count of drops.
+    pub fn clear(&mut self) {
+        self.count = 0;
+    }
+}
+
+wire_enum! {
+    /// How a bus is, as its controller says.
+    pub enum BusHealth {
+        /// Sends and receives.
+        Active = 0,
+        /// Many errors: warning or passive.
+        Passive = 1,
+        /// Took itself off the bus.
+        Off = 2,
+        /// No echo of our own frames for too long: nobody acknowledges, or the link is down.
+        Stalled = 3,
+        /// Down, or not yet opened.
+        Down = 4,
+    }
+}
+
+message! {
+    /// One reading of the IMU, in its own frame as mounted: pitch is the angle of the leg that carries it.
+    pub struct ImuSample {
+        /// When it was measured: the device's clock mapped to ours.
+        pub stamp: Stamp,
+        /// The device's own timer, 16 us ticks, as on the wire.
+        pub device_ticks: u32,
+        /// True if `euler_rad` was in the message.
+        pub has_attitude: bool,
+        /// Roll, pitch, yaw by the device's filter, rad.
+        pub euler_rad: [f64; 3],
+        /// Angular rate, rad/s.
+        pub rate_rad_s: [f64; 3],
+        /// Specific force in g, if in the message.
+        pub accel_g: [f64; 3],
+    }
+}
+
+message! {
+    /// IMU samples that arrived since the last tick, in order.
+    pub struct ImuBatch {
+        /// How many of `samples` are there.
+        pub count: u8,
+        /// Messages lost: bad checksum, gap in the device's timer, no room; since start.
+        pub dropped: u32,
+        /// The samples.
+        pub samples: [ImuSample; MAX_IMU],
+    }
+}
+
+impl ImuBatch {
+    /// The samples that are there.
+    #[must_use]
+    pub fn as_slice(&self) -> &[ImuSample] {
+        self.samples.get(..usize::from(self.count)).unwrap_or(&self.samples)
+    }
+
+    /// Adds a sample, or counts it as dropped and returns false when there is no room.
+    pub fn push(&mut self, sample: ImuSample) -> bool {
+        match self.samples.get_mut(usize::from(self.count)) {
+            Some(slot) => {
+                *slot = sample;
+                self.count += 1;
+                true
+            }
+            None => {
+                self.dropped = self.dropped.saturating_add(1);
+                false
+            }
+        }
+    }
+}
+
+message! {
+    /// The operator's hand, as last seen. Freshness is judged by the receiver from `stamp`.
+    pub struct OperatorSample {
+        /// When the device was last heard of (a heartbeat, not only a change).
+        pub stamp: Stamp,
+        /// The dead-man switch is held.
+        pub dead_man: bool,
+        /// Counts the samples of this source.
+        pub sequence: u32,
+    }
+}
+
+wire_enum! {
+    /// State of a drive: those of CiA 402, and what goes before them.
+    pub enum DriveState {
+        /// Not heard of since start.
+        Unknown = 0,
+        /// Being set up by SDO.
+        Configuring = 1,
+        /// CiA 402 not ready to switch on.
+        NotReady = 2,
+        /// CiA 402 switch-on disabled.
+        SwitchOnDisabled = 3,
+        /// CiA 402 ready to switch on: set up, no voltage at the motor.
+        Ready = 4,
+        /// CiA 402 switched on.
+        SwitchedOn = 5,
+        /// CiA 402 operation enabled: follows commands.
+        Enabled = 6,
+        /// CiA 402 quick stop active.
+        QuickStop = 7,
+        /// CiA 402 fault reaction active, or fault.
+        Fault = 8,
+        /// Stopped answering, or refused its set-up.
+        Lost = 9,
+    }
+}
+
+message! {
+    /// What a drive says of itself, in motor units.
+    pub struct DriveFeedback {
+        /// When the position was sampled (the SYNC it answers); [`Stamp::NEVER`] before the first.
+        pub stamp: Stamp,
+        /// Its state.
+        pub state: DriveState,
+        /// CiA 402 statusword as received.
+        pub statusword: u16,
+        /// Position, encoder counts.
+        pub position_counts: i32,
+        /// Torque, 1/1000 of the rated torque.
+        pub torque_permille: i16,
+        /// Last error code (EMCY or 0x603F), 0 if none.
+        pub error_code: u16,
+    }
+}
+
+message! {
+    /// All drives, in the order of [`super::Drive`], and the health of the buses.
+    pub struct DriveFeedbacks {
+        /// One per drive.
+        pub drives: [DriveFeedback; DRIVES],
+        /// One per bus.
+        pub health: [BusHealth; BUSES],
+    }
+}

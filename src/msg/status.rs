@@ -1,0 +1,46 @@
+//! How the process is. RT: yes.
+
+use super::Fault;
+use super::reflect::{message, wire_enum};
+use crate::base::time::Span;
+use iceoryx2::prelude::ZeroCopySend;
+
+wire_enum! {
+    /// Mode of the robot.
+    pub enum Mode {
+        /// Booting: sources not all seen yet. No torque.
+        Starting = 0,
+        /// Everything may be healthy, torque is zero, drives are not enabled.
+        Disarmed = 1,
+        /// A fresh dead-man edge was seen; drives are being enabled with zero torque.
+        Arming = 2,
+        /// The controller's torque reaches the motors.
+        Armed = 3,
+        /// A fault is latched: zero torque until a fresh edge with everything healthy.
+        Faulted = 4,
+    }
+}
+
+message! {
+    /// State of the safety room and of the loop after a tick.
+    pub struct Status {
+        /// Mode after this tick.
+        pub mode: Mode,
+        /// First fault since it was last cleared, kept until re-armed.
+        pub first_fault: Fault,
+        /// Newest fault or active limit.
+        pub last_fault: Fault,
+        /// Faults latched since start.
+        pub faults: u32,
+        /// Why arming is not possible now: bit i is fault code i; 0 = could arm.
+        pub arm_blockers: u64,
+        /// Ticks since start.
+        pub ticks: u64,
+        /// Periods skipped since start.
+        pub overruns: u64,
+        /// How late the thread woke up for this tick.
+        pub wake_latency: Span,
+        /// How long the previous tick's step took.
+        pub step_time: Span,
+    }
+}

@@ -1,0 +1,70 @@
+//! A whole tick: what went in, what came out. The tick is a pure function of [`TickInput`] and its own state, so a log
+//! of these replays to the bit. RT: yes.
+
+use super::reflect::message;
+use super::{
+    BUSES, BusHealth, DriveCommands, DriveFeedbacks, Estimate, FrameBatch, ImuBatch, JointCommand, OperatorSample,
+    Snapshot, Status,
+};
+use crate::base::time::{Span, Stamp};
+use iceoryx2::prelude::ZeroCopySend;
+
+message! {
+    /// Everything that a tick may look at.
+    pub struct TickInput {
+        /// Number of the tick since start.
+        pub index: u64,
+        /// Its time: the planned wake-up, so that it is a multiple of the period even when late.
+        pub now: Stamp,
+        /// How late the thread woke up.
+        pub wake_latency: Span,
+        /// How long the previous step took.
+        pub step_time: Span,
+        /// Periods skipped just before this tick.
+        pub skipped: u32,
+        /// What real time needs and was not granted, as bits; 0 = granted, or the bus is simulated.
+        pub real_time_missing: u32,
+        /// Shut-down was asked for: zero torque, disable.
+        pub stop_requested: bool,
+        /// Health of each bus as its I/O thread sees it.
+        pub bus_health: [BusHealth; BUSES],
+        /// Frames received since the last tick.
+        pub received: [FrameBatch; BUSES],
+        /// IMU samples since the last tick.
+        pub imu: ImuBatch,
+        /// The operator's hand, as last seen.
+        pub operator: OperatorSample,
+    }
+}
+
+message! {
+    /// What a tick does to the world.
+    pub struct TickOutput {
+        /// Frames to send, in order.
+        pub send: [FrameBatch; BUSES],
+    }
+}
+
+message! {
+    /// A tick with all that the rooms said: what the recorder and the terminal see.
+    pub struct TickRecord {
+        /// What went in.
+        pub input: TickInput,
+        /// What the drives said.
+        pub feedback: DriveFeedbacks,
+        /// The newest of each sensor.
+        pub snapshot: Snapshot,
+        /// State of the robot.
+        pub estimate: Estimate,
+        /// What the controller wanted.
+        pub wanted: JointCommand,
+        /// What safety let through.
+        pub allowed: JointCommand,
+        /// The drives' commands.
+        pub drives: DriveCommands,
+        /// State of safety and loop.
+        pub status: Status,
+        /// What went out.
+        pub output: TickOutput,
+    }
+}
