@@ -1,0 +1,383 @@
+//! Configuration after all checks: domains hold, names resolve, nothing is missing. RT: read only.
+
+use crate::base::time::Span;
+use crate::msg::{BUSES, DRIVES, TOES};
+
+/// The whole configuration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// The machine: model, drives, sensors, limits.
+    pub robot: Robot,
+    /// Threads and timing.
+    pub real_time: RealTime,
+    /// Controller, observer and their weights.
+    pub control: Control,
+    /// The simulated robot and its imperfections.
+    pub simulation: Simulation,
+}
+
+/// A number that may be identified: value, bounds, unit, where it is from, whether identification may change it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// Value in `unit`.
+    pub value: f64,
+    /// Lowest plausible value.
+    pub min: f64,
+    /// Highest plausible value.
+    pub max: f64,
+    /// Unit as written, such as `kg` or `1`.
+    pub unit: String,
+    /// Where the value is from.
+    pub source: String,
+    /// Identification may change it.
+    pub free: bool,
+}
+
+/// The machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    /// Equations' parameters.
+    pub model: Model,
+    /// Hip drive train.
+    pub hip: Hip,
+    /// Toe actuators (all four alike).
+    pub toe: Toe,
+    /// The five drives in the order of [`crate::msg::Drive`].
+    pub drives: [DriveConfig; DRIVES],
+    /// The two buses.
+    pub buses: [BusConfig; BUSES],
+    /// The IMU on the inner leg.
+    pub imu: Imu,
+    /// Limits that safety holds.
+    pub limits: Limits,
+    /// Where the dead-man switch is.
+    pub operator: Operator,
+}
+
+/// Parameters of the compass gait (model notes, section 2). Leg 1 = inner.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Model {
+    /// Leg length l, m.
+    pub leg_length_m: Parameter,
+    /// Total mass m_t, kg.
+    pub total_mass_kg: Parameter,
+    /// Gravity, m/s^2.
+    pub gravity_m_s2: Parameter,
+    /// c1 to c6 for inner stance, without unit.
+    pub c: [Parameter; 6],
+    /// Viscous friction of the hip at the joint, Nm s/rad.
+    pub viscous_nm_s_rad: Parameter,
+    /// Coulomb friction of the hip at the joint, Nm.
+    pub coulomb_nm: Parameter,
+    /// Hip compliance, if the model of controller and observer knows it.
+    pub hip_elasticity: Option<HipElasticity>,
+}
+
+/// Compliance of the harmonic drive (model notes, section 6), at the joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HipElasticity {
+    /// Spring between rotor and legs, Nm/rad.
+    pub stiffness_nm_rad: f64,
+    /// Damper beside the spring, Nm s/rad.
+    pub damping_nm_s_rad: f64,
+    /// Rotor inertia reflected to the joint, kg m^2.
+    pub rotor_inertia_kg_m2: f64,
+}
+
+/// Hip motor, gear and encoder.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hip {
+    /// Gear ratio (30 for the harmonic drive).
+    pub gear_ratio: f64,
+    /// Share of the motor's torque that reaches the joint.
+    pub gear_efficiency: f64,
+    /// +1 or -1: sense of positive motor torque seen from + on inner.
+    pub motor_sign: f64,
+    /// Quadrature counts of the joint-side encoder per turn of the joint.
+    pub encoder_counts_per_turn: f64,
+    /// Hip angle at encoder count zero, rad.
+    pub encoder_offset_rad: f64,
+}
+
+/// Toe actuator: lead screw with a one-sided preloaded series spring (thesis 2.2.1).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Toe {
+    /// Stroke, m: 0 retracted, `stroke_m` fully out.
+    pub stroke_m: f64,
+    /// Fastest travel, m/s.
+    pub rate_limit_m_s: f64,
+    /// Encoder counts per m of travel.
+    pub counts_per_m: f64,
+    /// Series spring, N/m.
+    pub spring_n_m: f64,
+    /// Its preload against the stop, N.
+    pub preload_n: f64,
+    /// Noise of the spring's potentiometer, m.
+    pub pot_noise_m: f64,
+    /// Length commanded to a stance toe, m.
+    pub extended_m: f64,
+    /// Length commanded to a swing toe, m.
+    pub retracted_m: f64,
+}
+
+/// Protocol mode of a drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DriveMode {
+    /// CiA 402 cyclic synchronous torque (10).
+    CyclicTorque,
+    /// CiA 402 cyclic synchronous position (8).
+    CyclicPosition,
+}
+
+/// One drive.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DriveConfig {
+    /// Index of its bus.
+    pub bus: usize,
+    /// CANopen node, 1 to 127.
+    pub node: u8,
+    /// What it follows.
+    pub mode: DriveMode,
+    /// Rated motor torque, Nm (drive object 0x6076).
+    pub rated_torque_nm: f64,
+    /// Torque limit, 1/1000 of rated (0x6072).
+    pub max_torque_permille: u16,
+    /// PDOs every n-th SYNC (1 = each).
+    pub sync_divisor: u8,
+    /// Heartbeat that the drive sends.
+    pub heartbeat: Span,
+    /// The drive stops its motor when it has not heard us for so long.
+    pub watchdog: Span,
+}
+
+/// What carries the frames.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum BusBackend {
+    /// The simulated robot in this process.
+    Mock,
+    /// A SocketCAN interface.
+    SocketCan(String),
+}
+
+/// One bus.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BusConfig {
+    /// Backend.
+    pub backend: BusBackend,
+    /// Bit rate, bit/s: for the time model and to check the link.
+    pub bitrate: u32,
+    /// No echo of our own frame for so long: the bus is stalled.
+    pub echo_timeout: Span,
+}
+
+/// Which message the IMU streams.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImuMessage {
+    /// 0xC2: acceleration and rate, up to 1000 Hz; attitude is then our own filter's.
+    AccelRate,
+    /// 0xCF: Euler angles and rate, up to 500 Hz (limit of the device for orientation).
+    EulerRate,
+}
+
+/// What carries the IMU's bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SerialBackend {
+    /// The simulated IMU in this process.
+    Mock,
+    /// A device path.
+    Device(String),
+}
+
+/// The IMU.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Imu {
+    /// Backend.
+    pub backend: SerialBackend,
+    /// Baud rate.
+    pub baud: u32,
+    /// Streamed message.
+    pub message: ImuMessage,
+    /// Samples per second.
+    pub rate_hz: u32,
+    /// +1 or -1: sense of the device's pitch seen from the leg angle.
+    pub sign: f64,
+    /// Leg angle at pitch zero, rad.
+    pub offset_rad: f64,
+}
+
+/// Limits that safety holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Hip torque at the joint, Nm.
+    pub hip_torque_nm: f64,
+    /// Change of the hip torque, Nm/s.
+    pub hip_torque_rate_nm_s: f64,
+    /// A controller that asks for more than so many times the torque limit is broken.
+    pub demand_factor: f64,
+    /// Stance leg tilt, rad.
+    pub tilt_rad: f64,
+    /// Swing leg angle, rad.
+    pub swing_rad: f64,
+    /// Any leg rate, rad/s.
+    pub rate_rad_s: f64,
+    /// Innovation of the observer, rad.
+    pub innovation_rad: f64,
+    /// IMU age.
+    pub imu_age: Span,
+    /// Drive feedback age, per PDO period added.
+    pub drive_age: Span,
+    /// Operator age.
+    pub operator_age: Span,
+    /// Time in which drives must get enabled.
+    pub enable_timeout: Span,
+    /// Torque ramps from zero over this time after arming.
+    pub ramp: Span,
+    /// Skipped periods within one second that latch a fault.
+    pub overruns_per_s: u32,
+    /// Above this tilt at the start arming is refused, rad.
+    pub arm_tilt_rad: f64,
+}
+
+/// Where the dead-man switch is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Operator {
+    /// Simulated: pressed after a moment, held to the end.
+    Simulated,
+    /// A UNIX datagram socket: byte 1 = held, 0 = released, at 20 Hz or more.
+    Socket(String),
+}
+
+/// Scheduling of one thread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Thread {
+    /// SCHED_FIFO priority 1 to 98, 0 = ordinary scheduling.
+    pub priority: u8,
+    /// Core, if pinned.
+    pub core: Option<usize>,
+    /// Stack to reserve and touch, bytes.
+    pub stack_bytes: usize,
+}
+
+/// What starts a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trigger {
+    /// The absolute timer alone: snapshot of what is there, one period of delay by construction.
+    Timer,
+    /// The timer sends SYNC; the step runs as soon as the last expected frame is in, at the latest at the deadline.
+    Input,
+}
+
+/// Threads and timing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RealTime {
+    /// Period of the control thread.
+    pub period: Span,
+    /// What starts a tick.
+    pub trigger: Trigger,
+    /// With [`Trigger::Input`]: step at the latest so long after the period's start.
+    pub input_deadline: Span,
+    /// Control thread.
+    pub control: Thread,
+    /// I/O thread of each bus.
+    pub bus: [Thread; BUSES],
+    /// I/O thread of the IMU.
+    pub imu: Thread,
+    /// Lock and prefault memory.
+    pub lock_memory: bool,
+    /// Hold /dev/cpu_dma_latency at 0.
+    pub hold_cpu_awake: bool,
+    /// Ticks that the flight recorder keeps.
+    pub flight_recorder_ticks: usize,
+}
+
+/// Which controller runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ControllerKind {
+    /// Zero torque.
+    Idle,
+    /// Holds the hip angle it found with a spring and a damper.
+    Hold,
+    /// LQR balance on the stance leg.
+    Balance,
+}
+
+/// Controller and observer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Control {
+    /// Which one.
+    pub controller: ControllerKind,
+    /// The leg that stands at the start.
+    pub stance: crate::msg::Leg,
+    /// Observer's epsilon, s (thesis 4.17, corrected).
+    pub observer_epsilon_s: f64,
+    /// LQR state weights on [theta_s, theta_w, rates].
+    pub lqr_q: [f64; 4],
+    /// LQR weight of the normalised torque.
+    pub lqr_r: f64,
+    /// Share of the modelled friction that is compensated, 0 to 1.
+    pub friction_compensation: f64,
+    /// Spring of `hold`, Nm/rad.
+    pub hold_stiffness_nm_rad: f64,
+    /// Damper of `hold`, Nm s/rad.
+    pub hold_damping_nm_s_rad: f64,
+}
+
+/// The simulated robot. Each imperfection is off when `None` or 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Simulation {
+    /// Seed of all noise.
+    pub seed: u64,
+    /// Initial state: leg angles inner, outer, rad.
+    pub initial_angle_rad: [f64; 2],
+    /// Initial leg rates, rad/s.
+    pub initial_rate_rad_s: [f64; 2],
+    /// Initial stance leg.
+    pub stance: crate::msg::Leg,
+    /// True: stands on blocks, the swing toe meets no ground (thesis 4.5).
+    pub on_blocks: bool,
+    /// Compliance of the real hip.
+    pub hip_elasticity: Option<HipElasticity>,
+    /// Real friction as multiples of the model's: viscous, Coulomb.
+    pub friction_scale: [f64; 2],
+    /// First-order lag of the motor's torque, s.
+    pub actuator_lag_s: f64,
+    /// Saturation of the motor's torque at the joint, Nm.
+    pub torque_limit_nm: f64,
+    /// Friction of the ground.
+    pub ground_friction: f64,
+    /// Restitution at touchdown.
+    pub restitution: f64,
+    /// Slope of the ground, rad.
+    pub ground_slope_rad: f64,
+    /// Toe lengths at the start, m.
+    pub initial_toe_m: [f64; TOES],
+    /// IMU errors.
+    pub imu: ImuErrors,
+    /// Bus frames take their time on the wire.
+    pub bus_timing: bool,
+    /// When the simulated operator presses the dead-man switch, s; releases at the second time if given.
+    pub operator_press_s: f64,
+    /// See `operator_press_s`.
+    pub operator_release_s: Option<f64>,
+}
+
+/// Figures of the 3DM-GX3 (thesis 2.1.2).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuErrors {
+    /// Static error of the attitude, rad (one sigma, drawn once).
+    pub static_error_rad: f64,
+    /// Error of the attitude in motion, rad (bound, grows with rate).
+    pub dynamic_error_rad: f64,
+    /// Drift, rad/sqrt(s) random walk.
+    pub drift_rad_sqrt_s: f64,
+    /// Lag of the attitude, s.
+    pub lag_s: f64,
+    /// Noise of the rate, rad/s.
+    pub rate_noise_rad_s: f64,
+    /// Noise of the attitude, rad.
+    pub attitude_noise_rad: f64,
+    /// Noise of the accelerometer, g.
+    pub accel_noise_g: f64,
+    /// Delay from measurement to the last byte, s.
+    pub latency_s: f64,
+}
