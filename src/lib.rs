@@ -38,5 +38,6 @@
 //! - *CiA 301*, *CiA 402*: CANopen application layer and drive profile. *GX3*: MicroStrain 3DM-GX3 single-byte protocol.
 
 pub mod base;
+pub mod cli;
 pub mod config;
 pub mod msg;

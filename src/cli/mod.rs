@@ -1,0 +1,76 @@
+//! L7: the command line. One file per subcommand: `Args` as typed, `run` does the work and says how it ended.
+//!
+//! To add a subcommand: a file with `pub(crate) struct Args` (`clap::Args`, examples in `after_help`) and
+//! `impl Run for Args`, a `mod` line, a variant of [`Command`], an arm in its `run`.
+//! Data goes to stdout by `writeln!` (an error there travels up, a broken pipe ends quietly), talk goes to stderr.
+//! RT: no.
+
+mod outcome;
+pub mod progress;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+pub use outcome::{Outcome, UsageError};
+
+/// Runs a dynamic walking robot in hard real time and tells why it does not behave like its simulation.
+#[derive(Parser)]
+#[command(
+    version,
+    arg_required_else_help = true,
+    after_help = "\
+Exit codes: 0 fine, 1 finding (mismatch, limit exceeded), 2 usage or configuration, 3 input or device, 70 internal."
+)]
+struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// The subcommands.
+#[derive(Subcommand)]
+enum Command {}
+
+impl Run for Command {
+    fn run(self) -> anyhow::Result<Outcome> {
+        match self {}
+    }
+}
+
+/// A subcommand, ready to go.
+trait Run {
+    /// Does it.
+    fn run(self) -> anyhow::Result<Outcome>;
+}
+
+/// Parses the arguments, runs the subcommand, reports a failure once, returns the exit code.
+#[must_use]
+#[expect(unreachable_code, unused_variables, reason = "no subcommand yet; goes with the first one")]
+pub fn main() -> ExitCode {
+    // clap prints help, version and usage errors itself and exits with 0 or 2.
+    let command = Cli::parse().command;
+    outcome::exit_code(|| command.run())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn command_tree_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_subcommand_shows_an_example() {
+        for command in Cli::command().get_subcommands() {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            assert!(
+                help.contains(&format!("compass {}", command.get_name())),
+                "no example in `{}`",
+                command.get_name()
+            );
+        }
+    }
+}
