@@ -40,4 +40,5 @@
 pub mod base;
 pub mod cli;
 pub mod config;
+pub mod latency;
 pub mod msg;
