@@ -40,5 +40,7 @@
 pub mod base;
 pub mod cli;
 pub mod config;
+pub mod diagnose;
 pub mod latency;
 pub mod msg;
+pub mod report;

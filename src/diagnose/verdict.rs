@@ -1,0 +1,51 @@
+//! The answer: the types of `diagnosis.json` and of the report, and how the verdict follows from what was found.
+//!
+//! RT: no.
+
+pub use crate::report::findings::{
+    Diagnosis, Estimate, Figure, Findings, Law, Member, Missing, ParameterLine, Place, Ranked, Rejected, Trace, Verdict,
+};
+
+/// The verdict that follows from what is missing; with nothing missing it is `parameters` if they had to be fitted
+/// again, else `consistent`.
+#[must_use]
+pub fn verdict_of(missing: &[Missing], refit_needed: bool) -> Verdict {
+    let is_unlisted = |m: &Missing| m.one_of.iter().any(|x| x.effect == "unlisted");
+    if missing.is_empty() {
+        if refit_needed { Verdict::Parameters } else { Verdict::Consistent }
+    } else if missing.iter().any(is_unlisted) {
+        Verdict::Unlisted
+    } else if missing.iter().any(|m| m.one_of.len() > 1) {
+        Verdict::Ambiguous
+    } else {
+        Verdict::Explained
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    fn entry(effects: &[&str]) -> Missing {
+        let member =
+            |e: &&str| Member { effect: (*e).into(), at: "q1".into(), weight: 1.0, parameters: BTreeMap::new() };
+        Missing { one_of: effects.iter().map(member).collect(), sentence: String::new() }
+    }
+
+    #[test]
+    fn verdict_follows_from_the_sets() {
+        assert_eq!(verdict_of(&[], false), Verdict::Consistent);
+        assert_eq!(verdict_of(&[], true), Verdict::Parameters);
+        assert_eq!(verdict_of(&[entry(&["backlash"])], true), Verdict::Explained);
+        assert_eq!(verdict_of(&[entry(&["backlash", "presliding"])], true), Verdict::Ambiguous);
+        assert_eq!(verdict_of(&[entry(&["backlash"]), entry(&["unlisted"])], true), Verdict::Unlisted);
+    }
+
+    #[test]
+    fn json_carries_the_names_of_the_contract() {
+        let json = serde_json::to_string(&entry(&["backlash"])).unwrap();
+        assert!(json.starts_with(r#"{"one_of":[{"effect":"backlash","at":"q1","weight":1.0"#), "{json}");
+        assert_eq!(serde_json::to_string(&Verdict::Unlisted).unwrap(), r#""unlisted""#);
+    }
+}

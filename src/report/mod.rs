@@ -1,0 +1,5 @@
+//! L5: plots, tables and pages. Data in, files out; it computes nothing.
+//!
+//! RT: no.
+
+pub mod findings;
