@@ -7,6 +7,7 @@
 
 mod outcome;
 pub mod progress;
+mod score;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -29,11 +30,15 @@ struct Cli {
 
 /// The subcommands.
 #[derive(Subcommand)]
-enum Command {}
+enum Command {
+    Score(score::Args),
+}
 
 impl Run for Command {
     fn run(self) -> anyhow::Result<Outcome> {
-        match self {}
+        match self {
+            Self::Score(args) => args.run(),
+        }
     }
 }
 
@@ -45,7 +50,6 @@ trait Run {
 
 /// Parses the arguments, runs the subcommand, reports a failure once, returns the exit code.
 #[must_use]
-#[expect(unreachable_code, unused_variables, reason = "no subcommand yet; goes with the first one")]
 pub fn main() -> ExitCode {
     // clap prints help, version and usage errors itself and exits with 0 or 2.
     let command = Cli::parse().command;

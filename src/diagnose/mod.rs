@@ -4,4 +4,5 @@
 //! recordings that were never fitted → [`verdict`].
 //! RT: no.
 
+pub mod score;
 pub mod verdict;

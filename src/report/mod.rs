@@ -3,3 +3,4 @@
 //! RT: no.
 
 pub mod findings;
+pub mod table;
