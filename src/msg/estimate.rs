@@ -32,6 +32,8 @@ message! {
         pub operator_age: Span,
         /// The dead-man switch is held.
         pub dead_man: bool,
+        /// Ticks came late: terms that need the right phase (friction compensation, feed-forward) shall be off.
+        pub late: bool,
     }
 }
 
