@@ -37,7 +37,9 @@
 //!   with the corrections of its errata where the code says "corrected".
 //! - *CiA 301*, *CiA 402*: CANopen application layer and drive profile. *GX3*: MicroStrain 3DM-GX3 single-byte protocol.
 
+pub mod accumulate;
 pub mod base;
+pub mod channel;
 pub mod cli;
 pub mod config;
 pub mod diagnose;

@@ -1,0 +1,156 @@
+//! Publish and subscribe without waiting.
+//!
+//! RT: [`Publisher::publish`], [`Subscriber::receive`], no allocation once both ends are attached. The rest: before arming.
+
+use super::topic::Topic;
+use crate::msg::Element;
+use iceoryx2::node::NodeBuilder;
+use iceoryx2::port::publisher::Publisher as Port;
+use iceoryx2::port::subscriber::Subscriber as Inlet;
+use iceoryx2::prelude::{BackpressureStrategy, SignalHandlingMode, ZeroCopySend, ipc};
+use std::fmt::{Debug, Display};
+
+/// A channel could not be opened.
+#[derive(Debug, thiserror::Error)]
+#[error("channel {what}: {why}")]
+pub struct ChannelError {
+    what: String,
+    why: String,
+}
+
+impl ChannelError {
+    fn new(what: &str, why: impl Display) -> Self {
+        Self { what: what.to_owned(), why: why.to_string() }
+    }
+}
+
+/// What can travel: a message of plain bytes with a known shape.
+pub trait Payload: Element + ZeroCopySend + Debug + Default + 'static {}
+impl<T: Element + ZeroCopySend + Debug + Default + 'static> Payload for T {}
+
+/// Counts what a publisher sent, so that a reader can count what it missed.
+#[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
+#[repr(C)]
+pub struct Sequence(u64);
+
+/// One thread's access to the channels of one robot.
+pub struct Endpoint {
+    node: iceoryx2::node::Node<ipc::Service>,
+    robot: String,
+}
+
+impl Endpoint {
+    /// Joins the channels of `robot`. What processes left behind that died without saying goodbye (kill -9) is removed.
+    ///
+    /// # Errors
+    /// When shared memory cannot be used.
+    pub fn join(robot: &str) -> Result<Self, ChannelError> {
+        let node = NodeBuilder::new()
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|e| ChannelError::new(robot, e))?;
+        let _cleaned = node.try_cleanup_dead_nodes();
+        Ok(Self { node, robot: robot.to_owned() })
+    }
+
+    fn service<T: Payload>(&self, topic: &Topic<T>) -> Result<Service<T>, ChannelError> {
+        let name = topic.service_name(&self.robot);
+        let fail = |e: &dyn Display| ChannelError::new(&name, e);
+        self.node
+            .service_builder(&name.as_str().try_into().map_err(|e| fail(&e))?)
+            .publish_subscribe::<T>()
+            .user_header::<Sequence>()
+            .enable_safe_overflow(true)
+            .history_size(0)
+            .subscriber_max_buffer_size(topic.buffer)
+            .subscriber_max_borrowed_samples(2)
+            .max_subscribers(topic.subscribers)
+            .max_publishers(2)
+            .open_or_create()
+            .map_err(|e| fail(&e))
+    }
+
+    /// Opens the sending end.
+    ///
+    /// # Errors
+    /// When the service is incompatible or full.
+    pub fn publisher<T: Payload>(&self, topic: &Topic<T>) -> Result<Publisher<T>, ChannelError> {
+        let port = self
+            .service(topic)?
+            .publisher_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .max_loaned_samples(1)
+            .create()
+            .map_err(|e| ChannelError::new(topic.name(), e))?;
+        Ok(Publisher { port, sent: 0, refused: 0 })
+    }
+
+    /// Opens a receiving end. It sees what is published from now on.
+    ///
+    /// # Errors
+    /// When the service is incompatible or full.
+    pub fn subscriber<T: Payload>(&self, topic: &Topic<T>) -> Result<Subscriber<T>, ChannelError> {
+        let inlet =
+            self.service(topic)?.subscriber_builder().create().map_err(|e| ChannelError::new(topic.name(), e))?;
+        Ok(Subscriber { inlet, expected: None, missed: 0 })
+    }
+}
+
+type Service<T> = iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, T, Sequence>;
+
+/// The sending end.
+#[derive(Debug)]
+pub struct Publisher<T: Payload> {
+    port: Port<ipc::Service, T, Sequence>,
+    sent: u64,
+    refused: u64,
+}
+
+impl<T: Payload> Publisher<T> {
+    /// Copies the message into shared memory and hands it over. Never waits; what cannot be sent is counted.
+    pub fn publish(&mut self, message: &T) {
+        let Ok(mut sample) = self.port.loan_uninit() else {
+            self.refused += 1;
+            return;
+        };
+        *sample.user_header_mut() = Sequence(self.sent);
+        self.sent += 1;
+        if sample.write_payload(*message).send().is_err() {
+            self.refused += 1;
+        }
+    }
+
+    /// Messages that could not be handed over.
+    #[must_use]
+    pub const fn refused(&self) -> u64 {
+        self.refused
+    }
+}
+
+/// The receiving end.
+#[derive(Debug)]
+pub struct Subscriber<T: Payload> {
+    inlet: Inlet<ipc::Service, T, Sequence>,
+    expected: Option<u64>,
+    missed: u64,
+}
+
+impl<T: Payload> Subscriber<T> {
+    /// The oldest message that waits, if any. Never waits.
+    pub fn receive(&mut self) -> Option<T> {
+        let sample = self.inlet.receive().ok().flatten()?;
+        let sequence = sample.user_header().0;
+        self.missed += sequence.saturating_sub(self.expected.unwrap_or(sequence));
+        self.expected = Some(sequence + 1);
+        Some(*sample)
+    }
+
+    /// Messages lost because this end was too slow.
+    #[must_use]
+    pub const fn missed(&self) -> u64 {
+        self.missed
+    }
+}
+
+#[cfg(test)]
+mod tests;

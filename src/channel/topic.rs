@@ -1,0 +1,127 @@
+//! Names and types of the services.
+//!
+//! A service's name holds the robot, the topic and a hash over the message's shape. Two builds that disagree about a
+//! message therefore meet on different services and see nothing of each other, instead of reading each other's bytes
+//! wrongly. RT: before arming only.
+
+use crate::msg::{BUSES, BusFrame, Element, ImuSample, Kind, OperatorSample, Shape, TickRecord};
+use std::marker::PhantomData;
+
+/// A channel: what it is called, what it carries, how much waits for a slow reader.
+#[derive(Clone, Copy, Debug)]
+pub struct Topic<T> {
+    name: &'static str,
+    /// Messages that wait for one subscriber; when full, the oldest is lost and counted.
+    pub buffer: usize,
+    /// Most subscribers at a time.
+    pub subscribers: usize,
+    payload: PhantomData<T>,
+}
+
+impl<T> Topic<T> {
+    /// A topic for `subscribers` readers with room for `buffer` messages each.
+    #[must_use]
+    pub const fn new(name: &'static str, buffer: usize, subscribers: usize) -> Self {
+        Self { name, buffer, subscribers, payload: PhantomData }
+    }
+
+    /// Its name, the same for every robot.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        self.name
+    }
+}
+
+/// Frames received on each bus: I/O thread → control thread.
+pub const RECEIVED: [Topic<BusFrame>; BUSES] = [Topic::new("received/0", 64, 4), Topic::new("received/1", 64, 4)];
+/// IMU samples: I/O thread → control thread.
+pub const IMU: Topic<ImuSample> = Topic::new("imu", 32, 4);
+/// The operator's hand: whoever serves the device → control thread.
+pub const OPERATOR: Topic<OperatorSample> = Topic::new("operator", 8, 4);
+/// Ticks as the control thread hands them over: one reader, in this process, attached before arming. A reader that
+/// comes and goes would make the publisher map memory in the loop.
+pub const TICK_HANDOVER: Topic<TickRecord> = Topic::new("tick-handover", 512, 1);
+/// Ticks for everybody: recorder, terminal, other processes.
+pub const TICK: Topic<TickRecord> = Topic::new("tick", 512, 8);
+
+impl<T: Element> Topic<T> {
+    /// Name of the service for one robot.
+    #[must_use]
+    pub fn service_name(&self, robot: &str) -> String {
+        format!("compass/{robot}/{}/{:016x}", self.name, schema_hash(&T::KIND))
+    }
+}
+
+/// FNV-1a over names and types of all fields, depth first: differs when a field is added, renamed, moved or retyped.
+#[must_use]
+pub fn schema_hash(kind: &Kind) -> u64 {
+    let mut hash = 0xCBF2_9CE4_8422_2325;
+    mix_kind(&mut hash, kind);
+    hash
+}
+
+fn mix(hash: &mut u64, bytes: &[u8]) {
+    for byte in bytes {
+        *hash = (*hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01B3);
+    }
+}
+
+fn mix_kind(hash: &mut u64, kind: &Kind) {
+    match kind {
+        Kind::Array(inner, count) => {
+            mix(hash, b"[");
+            mix(hash, &count.to_le_bytes());
+            mix_kind(hash, inner);
+        }
+        Kind::Struct(shape) => mix_shape(hash, shape),
+        Kind::Bool => mix(hash, b"b"),
+        Kind::U8 => mix(hash, b"u1"),
+        Kind::U16 => mix(hash, b"u2"),
+        Kind::U32 => mix(hash, b"u4"),
+        Kind::U64 => mix(hash, b"u8"),
+        Kind::I16 => mix(hash, b"i2"),
+        Kind::I32 => mix(hash, b"i4"),
+        Kind::I64 => mix(hash, b"i8"),
+        Kind::F64 => mix(hash, b"f8"),
+    }
+}
+
+fn mix_shape(hash: &mut u64, shape: &Shape) {
+    mix(hash, shape.name.as_bytes());
+    mix(hash, b"{");
+    for field in shape.fields {
+        mix(hash, field.name.as_bytes());
+        mix(hash, b":");
+        mix_kind(hash, &field.kind);
+    }
+    mix(hash, b"}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::msg::FieldShape;
+
+    const A: Shape = Shape { name: "A", fields: &[field("x_m", Kind::F64), field("n", Kind::U8)] };
+    const RETYPED: Shape = Shape { name: "A", fields: &[field("x_m", Kind::F64), field("n", Kind::U16)] };
+    const RENAMED: Shape = Shape { name: "A", fields: &[field("x_mm", Kind::F64), field("n", Kind::U8)] };
+    const SWAPPED: Shape = Shape { name: "A", fields: &[field("n", Kind::U8), field("x_m", Kind::F64)] };
+
+    const fn field(name: &'static str, kind: Kind) -> FieldShape {
+        FieldShape { name, doc: "", kind }
+    }
+
+    #[test]
+    fn any_change_of_a_type_changes_the_hash() {
+        let original = schema_hash(&Kind::Struct(&A));
+        for changed in [&RETYPED, &RENAMED, &SWAPPED] {
+            assert_ne!(original, schema_hash(&Kind::Struct(changed)));
+        }
+    }
+
+    #[test]
+    fn names_tell_robots_and_topics_apart() {
+        let names = [IMU.service_name("a"), IMU.service_name("b"), OPERATOR.service_name("a")];
+        assert!(names.iter().enumerate().all(|(i, n)| !names[..i].contains(n)));
+    }
+}
