@@ -39,6 +39,7 @@
 
 pub mod accumulate;
 pub mod base;
+pub mod bus;
 pub mod channel;
 pub mod cli;
 pub mod config;
@@ -46,3 +47,4 @@ pub mod diagnose;
 pub mod latency;
 pub mod msg;
 pub mod report;
+pub mod sim;

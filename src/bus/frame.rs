@@ -1,0 +1,144 @@
+//! How long a classic CAN frame occupies the wire, in bits. RT: yes.
+//!
+//! Layout (ISO 11898-1): start, identifier, control and data and a 15-bit CRC are stuffed (after five equal bits one
+//! of the other kind is put in); delimiters, acknowledge, end of frame and 3 bits of interframe space are not.
+
+use crate::msg::CanFrame;
+
+/// Bits after the stuffed part: CRC delimiter, acknowledge slot and delimiter, end of frame (7), interframe space (3).
+const TAIL_BITS: u32 = 13;
+/// Generator polynomial of the CRC, x^15 left out.
+const CRC_POLYNOMIAL: u16 = 0x4599;
+
+/// Bits of a frame without any stuffing.
+#[must_use]
+pub const fn plain_bits(len: u8, extended: bool) -> u32 {
+    stuffed_part_bits(len, extended) + TAIL_BITS
+}
+
+/// Bits of a frame with the most stuffing that is possible.
+#[must_use]
+pub const fn worst_bits(len: u8, extended: bool) -> u32 {
+    let part = stuffed_part_bits(len, extended);
+    part + (part - 1) / 4 + TAIL_BITS
+}
+
+/// Bits that this very frame takes.
+#[must_use]
+pub fn exact_bits(frame: &CanFrame) -> u32 {
+    let mut counter = StuffCounter::default();
+    let extended = frame.id & CanFrame::EXTENDED != 0;
+    let remote = u32::from(frame.id & CanFrame::REMOTE != 0);
+    counter.push(0, 1);
+    if extended {
+        counter.push((frame.id >> 18) & 0x7FF, 11);
+        counter.push(0b11, 2);
+        counter.push(frame.id & 0x3_FFFF, 18);
+        counter.push(remote << 2, 3);
+    } else {
+        counter.push(frame.id & 0x7FF, 11);
+        counter.push(remote << 2, 3);
+    }
+    counter.push(u32::from(frame.len.min(8)), 4);
+    if remote == 0 {
+        for byte in frame.payload() {
+            counter.push(u32::from(*byte), 8);
+        }
+    }
+    let crc = counter.crc;
+    counter.push(u32::from(crc), 15);
+    counter.bits + TAIL_BITS
+}
+
+/// Nanoseconds that so many bits take.
+#[must_use]
+pub fn wire_time_ns(bits: u32, bitrate: u32) -> i64 {
+    i64::from(bits) * 1_000_000_000 / i64::from(bitrate.max(1))
+}
+
+/// Bits from the start of frame to the end of the CRC.
+const fn stuffed_part_bits(len: u8, extended: bool) -> u32 {
+    let head = if extended { 54 } else { 34 };
+    head + 8 * len as u32
+}
+
+/// Counts bits with stuffing while the CRC runs along.
+#[derive(Default)]
+struct StuffCounter {
+    bits: u32,
+    run: u32,
+    last: u32,
+    crc: u16,
+}
+
+impl StuffCounter {
+    /// The low `count` bits of `value`, highest first.
+    fn push(&mut self, value: u32, count: u32) {
+        for k in (0..count).rev() {
+            self.bit((value >> k) & 1);
+        }
+    }
+
+    fn bit(&mut self, bit: u32) {
+        let feedback = (u32::from(self.crc >> 14) ^ bit) & 1;
+        self.crc = (self.crc << 1) & 0x7FFF;
+        if feedback == 1 {
+            self.crc ^= CRC_POLYNOMIAL;
+        }
+        self.bits += 1;
+        if self.run > 0 && bit == self.last {
+            self.run += 1;
+        } else {
+            self.run = 1;
+            self.last = bit;
+        }
+        if self.run == 5 {
+            // The stuffed bit is of the other kind and starts a run of its own.
+            self.bits += 1;
+            self.run = 1;
+            self.last = bit ^ 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn frame_times_are_those_of_the_table() {
+        // Table of the protocol reference, microseconds at 1 Mbit/s = bits.
+        let lens = [0, 1, 2, 4, 5, 6, 8];
+        let base = [(47, 55), (55, 65), (63, 75), (79, 95), (87, 105), (95, 115), (111, 135)];
+        let extended = [(67, 80), (75, 90), (83, 100), (99, 120), (107, 130), (115, 140), (131, 160)];
+        for (i, len) in lens.into_iter().enumerate() {
+            assert_eq!((plain_bits(len, false), worst_bits(len, false)), base[i]);
+            assert_eq!((plain_bits(len, true), worst_bits(len, true)), extended[i]);
+        }
+    }
+
+    #[test]
+    fn wire_time_scales_with_the_bit_rate() {
+        assert_eq!(wire_time_ns(135, 1_000_000), 135_000);
+        assert_eq!(wire_time_ns(135, 125_000), 1_080_000);
+    }
+
+    proptest! {
+        #[test]
+        fn exact_length_lies_between_plain_and_worst(id in 0u32..0x2000_0000, extended: bool, payload in prop::collection::vec(any::<u8>(), 0..=8)) {
+            let mut frame = CanFrame::new(0, &payload);
+            frame.id = if extended { id | CanFrame::EXTENDED } else { id & 0x7FF };
+            let bits = exact_bits(&frame);
+            prop_assert!(bits >= plain_bits(frame.len, extended));
+            prop_assert!(bits <= worst_bits(frame.len, extended));
+        }
+    }
+
+    #[test]
+    fn all_zero_frame_is_stuffed_by_hand_count() {
+        // SYNC-like frame id 0, no data: 19 dominant bits head + CRC 0 (15 bits) = 34 equal bits.
+        // First stuff after 5, then the stuff bit (1) breaks the run, so one per 5: 34 / 5 = 6.
+        assert_eq!(exact_bits(&CanFrame::new(0, &[])), 47 + 6);
+    }
+}

@@ -1,0 +1,64 @@
+//! Room 6: frames on wires.
+//!
+//! | file | what |
+//! |---|---|
+//! | `frame` | how long a frame takes on the wire, exact and worst case |
+//! | [`canopen`], [`sdo`], [`pdo`] | CiA 301 as pure parse and emit |
+//! | [`cia402`] | the drive profile's state machine, both ends of it |
+//!
+//! A bus never waits: a frame is taken or refused at once, and a frame is there or not. A frame that was sent comes
+//! back as an *echo* from the wire itself, which is the only proof that it left; every implementation does this.
+//! RT: yes.
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::disallowed_methods,
+        clippy::disallowed_types,
+        clippy::disallowed_macros,
+        clippy::expect_used,
+        clippy::indexing_slicing
+    )
+)]
+
+pub mod canopen;
+pub mod cia402;
+pub mod frame;
+pub mod pdo;
+pub mod sdo;
+
+use crate::msg::{BusFrame, BusHealth, CanFrame};
+use std::os::fd::RawFd;
+
+/// Why a frame was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SendError {
+    /// No room in the queue before the wire: busy for a moment, or dead; the age of the last echo tells which.
+    #[error("no room in the bus queue")]
+    Full,
+    /// The link is down, or the controller took itself off the bus.
+    #[error("the bus is down")]
+    Down,
+}
+
+/// The sending half of a bus.
+pub trait Transmit {
+    /// Hands a frame to the wire, without waiting.
+    ///
+    /// # Errors
+    /// [`SendError`]: the frame will not be sent.
+    fn send(&mut self, frame: &CanFrame) -> Result<(), SendError>;
+}
+
+/// The receiving half of a bus.
+pub trait Receive {
+    /// The next frame, if one is there; echoes of own frames and error frames among them. Does not wait.
+    fn receive(&mut self) -> Option<BusFrame>;
+    /// How the wire is.
+    fn health(&self) -> BusHealth;
+    /// A descriptor that polls readable when a frame may be there.
+    fn readable_fd(&self) -> RawFd;
+}
+
+/// A whole bus. `receive` and `send` come from its halves, so that a socket can be split between threads.
+pub trait Bus: Transmit + Receive {}
+impl<T: Transmit + Receive> Bus for T {}

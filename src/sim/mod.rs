@@ -1,0 +1,41 @@
+//! The simulated robot: a world of rigid and elastic bodies, and devices on wires that speak the real bytes.
+//!
+//! Nothing of the control path knows that it is not real. RT: no.
+
+use crate::base::time::Span;
+use crate::msg::{Leg, TOES};
+
+/// What the world's instruments would read without any error.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reading {
+    /// Absolute angles of the legs from the vertical, inner and outer, rad.
+    pub leg_angle_rad: [f64; 2],
+    /// Their rates, rad/s.
+    pub leg_rate_rad_s: [f64; 2],
+    /// Acceleration of the IMU's place on the inner leg: forward, up, m/s^2; zero if the world does not know.
+    pub imu_accel_m_s2: [f64; 2],
+    /// Hip angle inner - outer at the encoder, rad.
+    pub hip_encoder_rad: f64,
+    /// Toe lengths, m, 0 = retracted; inner A, inner B, outer A, outer B.
+    pub toe_position_m: [f64; TOES],
+    /// Ground force on the stance toe: forward, up, N.
+    pub ground_force_n: [f64; 2],
+    /// The leg that stands; the last one that did while in flight.
+    pub stance: Leg,
+    /// Neither foot touches the ground.
+    pub airborne: bool,
+}
+
+/// The bodies of the robot and the ground, as the drives and the IMU meet them.
+pub trait World: Send {
+    /// Moves on by `dt` (any length, a few ms at most) under constant commands.
+    ///
+    /// `hip_torque_nm`: torque of the motor at the joint's side of the gear, + on inner. The drive has already done its
+    /// part: current lag, saturation, rated torque (`actuator_lag_s`, `torque_limit_nm`); compliance, friction and
+    /// rotor inertia are the world's. `toe_target_m`: lengths that the drives' position loops ask for; rate and stroke
+    /// limits and the series spring are the world's. A toe without power gets its present length (the screw holds).
+    fn step(&mut self, hip_torque_nm: f64, toe_target_m: [f64; TOES], dt: Span);
+
+    /// What the instruments see now.
+    fn reading(&self) -> Reading;
+}
