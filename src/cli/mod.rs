@@ -5,6 +5,8 @@
 //! Data goes to stdout by `writeln!` (an error there travels up, a broken pipe ends quietly), talk goes to stderr.
 //! RT: no.
 
+mod check_config;
+pub mod config_args;
 mod outcome;
 pub mod progress;
 mod score;
@@ -32,12 +34,14 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Score(score::Args),
+    CheckConfig(check_config::Args),
 }
 
 impl Run for Command {
     fn run(self) -> anyhow::Result<Outcome> {
         match self {
             Self::Score(args) => args.run(),
+            Self::CheckConfig(args) => args.run(),
         }
     }
 }

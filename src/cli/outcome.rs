@@ -1,5 +1,6 @@
 //! How a command ended, as exit code and as text on stderr. RT: no.
 
+use crate::config;
 use std::any::Any;
 use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
@@ -44,7 +45,8 @@ fn report(error: &anyhow::Error) -> u8 {
         return FINE;
     }
     tell(&format!("compass: {error:#}"));
-    if error.chain().any(|cause| cause.is::<UsageError>()) { USAGE } else { INPUT }
+    let is_usage = error.chain().any(|cause| cause.is::<UsageError>() || cause.is::<config::Errors>());
+    if is_usage { USAGE } else { INPUT }
 }
 
 fn report_panic(cause: &(dyn Any + Send)) -> u8 {

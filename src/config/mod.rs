@@ -1,6 +1,225 @@
 //! L2: configuration. What a person typed (`raw`) becomes [`checked`]: valid by construction, units in names.
 //!
-//! Robot, real time, control and simulation are separate files in `config/`; the defaults are embedded.
+//! Four sections, each a file in `config/` and embedded as default: `robot`, `rt`, `control`, `sim`.
+//! [`load`] takes a folder that holds some of `robot.toml`, `rt.toml`, `control.toml`, `sim.toml`; or one of these four
+//! by its name; or any other file with tables `[robot]`, `[rt]`, `[control]`, `[sim]` and `[set]`.
+//! A section is taken whole: no key of it is ever filled in from the default, so no physical quantity comes from
+//! nowhere. Single keys are changed openly, by `[set]` in the file (`robot.bus0.backend = "socketcan:can0"`) or by
+//! `--set` on the command line, which goes last.
 //! RT: before arming only.
 
 pub mod checked;
+mod consistency;
+mod problem;
+mod process;
+mod raw;
+mod reader;
+mod robot;
+mod simulation;
+
+use checked::Config;
+use raw::{Node, Origin, Raw};
+use reader::Log;
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+pub use problem::{Errors, Problem};
+
+/// Sections with their embedded defaults.
+const SECTIONS: [(&str, &str, &str); 4] = [
+    ("robot", "robot.toml", include_str!("../../config/robot.toml")),
+    ("rt", "rt.toml", include_str!("../../config/rt.toml")),
+    ("control", "control.toml", include_str!("../../config/control.toml")),
+    ("sim", "sim.toml", include_str!("../../config/sim.toml")),
+];
+
+/// A configuration after all checks, with what a recording needs to know of it.
+#[derive(Clone, Debug)]
+pub struct Resolved {
+    /// The checked values.
+    pub config: Config,
+    /// Canonical text: one `section.key = value` per line, sorted. TOML; [`from_canonical`] reads it back.
+    pub text: String,
+    /// SHA-256 of the text, hexadecimal.
+    pub hash: String,
+    /// Suspicious, but not wrong.
+    pub warnings: Vec<Problem>,
+    /// Where each section came from.
+    pub sources: Vec<(&'static str, String)>,
+}
+
+/// Reads, overrides and checks a configuration. `path`: see the head of this module; `None` = embedded defaults.
+///
+/// # Errors
+/// Everything that is wrong, at once.
+pub fn load(path: Option<&Path>, overrides: &[String]) -> Result<Resolved, Errors> {
+    let mut typed = Typed::default();
+    if let Some(path) = path {
+        typed.add_path(path);
+    }
+    for text in overrides {
+        typed.add_override(text);
+    }
+    typed.resolve()
+}
+
+/// Reads the canonical text of a recording.
+///
+/// # Errors
+/// Everything that is wrong: the text is from another version of this program, or damaged.
+pub fn from_canonical(text: &str) -> Result<Resolved, Errors> {
+    let mut typed = Typed::default();
+    typed.add_sections("recorded configuration", text);
+    typed.resolve()
+}
+
+/// Sections and overrides as typed.
+#[derive(Default)]
+struct Typed {
+    sections: BTreeMap<&'static str, Node>,
+    overrides: Vec<(String, Node)>,
+    problems: Vec<Problem>,
+}
+
+impl Typed {
+    fn add_path(&mut self, path: &Path) {
+        if path.is_dir() {
+            let files: Vec<_> = SECTIONS.iter().map(|(_, file, _)| path.join(file)).filter(|f| f.exists()).collect();
+            if files.is_empty() {
+                self.complain(path, "holds none of robot.toml, rt.toml, control.toml, sim.toml");
+            }
+            files.iter().for_each(|file| self.add_file(file));
+        } else {
+            self.add_file(path);
+        }
+    }
+
+    fn add_file(&mut self, path: &Path) {
+        let name = path.display().to_string();
+        let text = match fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(error) => return self.complain(path, &format!("cannot be read: {error}")),
+        };
+        let section = SECTIONS.iter().find(|(_, file, _)| path.file_name().is_some_and(|f| f == *file));
+        match (section, raw::parse(&name, &text)) {
+            (_, Err(problems)) => self.problems.extend(problems),
+            (Some((section, _, _)), Ok(node)) => {
+                self.sections.insert(section, node);
+            }
+            (None, Ok(_)) => self.add_sections(&name, &text),
+        }
+    }
+
+    /// A text with tables named after the sections, and `[set]`.
+    fn add_sections(&mut self, name: &str, text: &str) {
+        let node = match raw::parse(name, text) {
+            Ok(node) => node,
+            Err(problems) => return self.problems.extend(problems),
+        };
+        let Raw::Table(tables) = node.value else { return };
+        for (key, node) in tables {
+            if key == "set" {
+                self.add_set("", &node);
+            } else if let Some((section, _, _)) = SECTIONS.iter().find(|(section, _, _)| *section == key) {
+                self.sections.insert(section, node);
+            } else {
+                let what = "unknown section; known: robot, rt, control, sim, set".to_owned();
+                let Origin { file, line } = node.at;
+                self.problems.push(Problem { file: file.to_string(), line, key, value: None, what });
+            }
+        }
+    }
+
+    /// Leaves of `[set]` become overrides.
+    fn add_set(&mut self, path: &str, node: &Node) {
+        let Some(children) = node.table() else {
+            self.overrides.push((path.to_owned(), node.clone()));
+            return;
+        };
+        for (key, child) in children {
+            let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+            self.add_set(&path, child);
+        }
+    }
+
+    fn add_override(&mut self, text: &str) {
+        match raw::parse_override(text) {
+            Ok(parsed) => self.overrides.push(parsed),
+            Err(problem) => self.problems.push(problem),
+        }
+    }
+
+    fn complain(&mut self, path: &Path, what: &str) {
+        let file = path.display().to_string();
+        self.problems.push(Problem { file, line: 0, key: String::new(), value: None, what: what.to_owned() });
+    }
+
+    fn resolve(mut self) -> Result<Resolved, Errors> {
+        let sources = self.fill_in_defaults();
+        self.apply_overrides();
+        if !self.problems.is_empty() {
+            return Err(Errors(self.problems));
+        }
+        let log = Log::default();
+        let section = |name: &str| self.sections.get(name).cloned().unwrap_or_else(|| Node::empty(name));
+        let config = Config {
+            robot: reader::read(&log, "robot", &section("robot"), robot::robot),
+            real_time: reader::read(&log, "rt", &section("rt"), process::real_time),
+            control: reader::read(&log, "control", &section("control"), process::control),
+            simulation: reader::read(&log, "sim", &section("sim"), simulation::simulation),
+        };
+        if log.is_clean() {
+            consistency::check(&config, &log);
+        }
+        let (text, warnings) = log.finish()?;
+        Ok(Resolved { config, hash: sha256(&text), text, warnings, sources })
+    }
+
+    /// Sections that nobody gave come whole from the embedded files.
+    fn fill_in_defaults(&mut self) -> Vec<(&'static str, String)> {
+        let mut sources = Vec::new();
+        for (section, file, text) in SECTIONS {
+            let source = match self.sections.get(section) {
+                Some(node) => node.at.file.to_string(),
+                None => {
+                    let name = format!("embedded {file}");
+                    match raw::parse(&name, text) {
+                        Ok(node) => drop(self.sections.insert(section, node)),
+                        Err(problems) => self.problems.extend(problems),
+                    }
+                    name
+                }
+            };
+            sources.push((section, source));
+        }
+        sources
+    }
+
+    fn apply_overrides(&mut self) {
+        for (key, leaf) in std::mem::take(&mut self.overrides) {
+            let path: Vec<&str> = key.split('.').collect();
+            match path.split_first().and_then(|(first, rest)| Some((self.sections.get_mut(*first)?, rest))) {
+                Some((node, rest)) if !rest.is_empty() => node.put(rest, leaf),
+                _ => {
+                    let what = "a key starts with robot, rt, control or sim".to_owned();
+                    let Origin { file, line } = leaf.at.clone();
+                    self.problems.push(Problem { file: file.to_string(), line, key, value: Some(leaf.show()), what });
+                }
+            }
+        }
+    }
+}
+
+fn sha256(text: &str) -> String {
+    let mut hex = String::new();
+    for byte in Sha256::digest(text.as_bytes()) {
+        write!(hex, "{byte:02x}").unwrap_or_default();
+    }
+    hex
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,32 @@
+//! The configuration on the command line, alike in every subcommand: `--config F`, `--set key=value`. RT: no.
+
+use crate::config::{self, Errors, Resolved};
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+/// Which configuration.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ConfigArgs {
+    /// Folder with robot.toml, rt.toml, control.toml, sim.toml, or a file with these as tables and [set].
+    /// Sections that are not there come whole from the embedded default
+    #[arg(long = "config", value_name = "F")]
+    pub path: Option<PathBuf>,
+    /// Changes one value, such as robot.bus0.backend=socketcan:can0. May be given often
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+}
+
+impl ConfigArgs {
+    /// Reads and checks it; warnings go to stderr.
+    ///
+    /// # Errors
+    /// Everything that is wrong, at once.
+    pub fn load(&self) -> Result<Resolved, Errors> {
+        let resolved = config::load(self.path.as_deref(), &self.overrides)?;
+        for warning in &resolved.warnings {
+            // Nobody to tell when stderr is gone.
+            drop(writeln!(io::stderr(), "warning: {warning}"));
+        }
+        Ok(resolved)
+    }
+}

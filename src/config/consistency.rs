@@ -1,0 +1,147 @@
+//! Checks across keys: can this robot exist, can these buses carry it? RT: before arming only.
+
+use super::checked::{BusBackend, Config, DriveConfig, DriveMode, Model, Robot};
+use super::problem::Problem;
+use super::reader::Log;
+use crate::msg::Drive;
+
+/// Runs all of them. Only meaningful when every value is in its range.
+pub(super) fn check(config: &Config, log: &Log) {
+    mass_matrix(&config.robot.model, log);
+    masses(&config.robot.model, log);
+    nodes(&config.robot, log);
+    modes(&config.robot, log);
+    hip_torque(&config.robot, log);
+    backends(&config.robot, log);
+    for bus in 0..config.robot.buses.len() {
+        bus_load(config, bus, log);
+    }
+}
+
+fn problem(key: &str, what: String) -> Problem {
+    Problem { file: "configuration".into(), line: 0, key: key.to_owned(), value: None, what }
+}
+
+/// Kinetic energy must be positive: H at the upright, both stances (model notes, section 3).
+fn mass_matrix(model: &Model, log: &Log) {
+    let [c1, c2, c3, c4, c5, c6] = model.c.each_ref().map(|p| p.value);
+    for (stance, c_stance, c_swing, d_stance, d_swing) in [("inner", c1, c2, c4, c5), ("outer", c2, c1, c5, c4)] {
+        let h11 = 1.0 + c_stance - 2.0 * d_stance + 4.0 * c6;
+        let h12 = c3 - d_swing + 2.0 * c6;
+        if c_swing <= 0.0 || h11 * c_swing - h12 * h12 <= 0.0 {
+            let what = format!("mass matrix is not positive definite on the {stance} leg: no such machine exists");
+            log.error(problem("robot.model.c1..c6", what));
+        }
+    }
+}
+
+/// Shares of the total mass that the numbers ask for at least (model notes, section 2); together at most 1.
+fn masses(model: &Model, log: &Log) {
+    let [c1, c2, c3, c4, c5, c6] = model.c.each_ref().map(|p| p.value);
+    let shares = [least_share(c4 * c4, c1 - c3), least_share(c5 * c5, c2 - c3), least_share(4.0 * c6 * c6, c3)];
+    let sum: f64 = shares.iter().sum();
+    // A NaN cannot come here; an infinite share can.
+    if sum > 1.0 {
+        let [inner, outer, body] = shares;
+        let what = format!(
+            "legs and body would need at least {inner:.3} + {outer:.3} + {body:.3} = {sum:.3} of the total mass; \
+             a rigid machine has 1 (rotor inertia counts negative in c3)"
+        );
+        log.warn(problem("robot.model.c1..c6", what));
+    }
+}
+
+/// Cauchy-Schwarz: a first moment p over an inertia j needs a mass of at least p^2 / j.
+fn least_share(moment_squared: f64, inertia: f64) -> f64 {
+    if moment_squared == 0.0 {
+        0.0
+    } else if inertia > 0.0 {
+        moment_squared / inertia
+    } else {
+        f64::INFINITY
+    }
+}
+
+fn nodes(robot: &Robot, log: &Log) {
+    for (i, a) in robot.drives.iter().enumerate() {
+        for (j, b) in robot.drives.iter().enumerate().skip(i + 1) {
+            if a.bus == b.bus && a.node == b.node {
+                let what = format!("drives {i} and {j} are both node {} on bus {}", a.node, a.bus);
+                log.error(problem("robot.drives", what));
+            }
+        }
+    }
+}
+
+fn modes(robot: &Robot, log: &Log) {
+    for (drive, config) in Drive::ALL.iter().zip(&robot.drives) {
+        let needed = if *drive == Drive::Hip { DriveMode::CyclicTorque } else { DriveMode::CyclicPosition };
+        if config.mode != needed {
+            let what = "the hip follows torque, toes follow position".to_owned();
+            log.error(problem(&format!("robot.drives, {}", drive.name()), what));
+        }
+    }
+}
+
+fn hip_torque(robot: &Robot, log: &Log) {
+    let hip = &robot.drives[Drive::Hip as usize];
+    let motor_nm = hip.rated_torque_nm * f64::from(hip.max_torque_permille) * 1e-3;
+    let joint_nm = motor_nm * robot.hip.gear_ratio * robot.hip.gear_efficiency;
+    // A hair of rounding is no finding.
+    if robot.limits.hip_torque_nm > joint_nm * (1.0 + 1e-9) {
+        let what = format!("{} Nm, but the drive gives only {joint_nm:.3} Nm", robot.limits.hip_torque_nm);
+        log.warn(problem("robot.limits.hip_torque_nm", what));
+    }
+}
+
+fn backends(robot: &Robot, log: &Log) {
+    match (&robot.buses[0].backend, &robot.buses[1].backend) {
+        (BusBackend::Mock, BusBackend::SocketCan(_)) | (BusBackend::SocketCan(_), BusBackend::Mock) => {
+            let what = "one bus is simulated and the other is real".to_owned();
+            log.error(problem("robot.bus0, robot.bus1", what));
+        }
+        (BusBackend::SocketCan(a), BusBackend::SocketCan(b)) if a == b => {
+            log.error(problem("robot.bus0, robot.bus1", format!("both are interface {a}")));
+        }
+        _ => {}
+    }
+}
+
+/// Longest time of a frame with so many bytes, in bits, stuffing and interframe space included (11-bit identifier).
+const fn worst_bits(bytes: u32) -> u32 {
+    47 + 8 * bytes + (34 + 8 * bytes - 1) / 4
+}
+
+/// Bits per SYNC that a drive needs on average: 8 bytes of feedback; command word and torque, or position.
+fn drive_bits(drive: &DriveConfig) -> f64 {
+    let command = match drive.mode {
+        DriveMode::CyclicTorque => 4,
+        DriveMode::CyclicPosition => 6,
+    };
+    f64::from(worst_bits(8) + worst_bits(command)) / f64::from(drive.sync_divisor)
+}
+
+/// The bus must carry its cyclic traffic, with some room for SDO, heartbeat and EMCY.
+fn bus_load(config: &Config, bus: usize, log: &Log) {
+    const ROOM: f64 = 0.9;
+    let drives = config.robot.drives.iter().filter(|d| d.bus == bus);
+    let bits = f64::from(worst_bits(0)) + drives.map(drive_bits).sum::<f64>();
+    let load = bits / (f64::from(config.robot.buses[bus].bitrate) * config.real_time.period.as_s());
+    let key = format!("robot.bus{bus}");
+    let what = format!("cyclic frames with worst stuffing take {:.0} % of the bus", load * 100.0);
+    if load > 1.0 {
+        log.error(problem(&key, what));
+    } else if load > ROOM {
+        log.warn(problem(&key, what));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frame_times_are_those_of_the_protocol_notes() {
+        assert_eq!([0, 1, 2, 4, 5, 6, 8].map(worst_bits), [55, 65, 75, 95, 105, 115, 135]);
+    }
+}

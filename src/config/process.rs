@@ -1,0 +1,55 @@
+//! Reads `rt` and `control`: threads, timing, controller and observer. RT: before arming only.
+
+use super::checked::{Control, ControllerKind, RealTime, Thread, Trigger};
+use super::reader::{Reader, range};
+use crate::base::time::Span;
+use crate::msg::Leg;
+
+pub(super) const LEGS: &[(&str, Leg)] = &[("inner", Leg::Inner), ("outer", Leg::Outer)];
+
+pub(super) fn real_time(r: &Reader<'_>) -> RealTime {
+    const TRIGGERS: &[(&str, Trigger)] = &[("timer", Trigger::Timer), ("input", Trigger::Input)];
+    let (control, buses, imu) = r.table("threads", |t| {
+        (t.table("control", thread), [t.table("bus0", thread), t.table("bus1", thread)], t.table("imu", thread))
+    });
+    let timing = RealTime {
+        period: r.span("period_us", 100.0, 1e6),
+        trigger: r.choice("trigger", TRIGGERS, Trigger::Timer),
+        input_deadline: r.span("input_deadline_us", 1.0, 1e6),
+        control,
+        bus: buses,
+        imu,
+        lock_memory: r.flag("lock_memory"),
+        hold_cpu_awake: r.flag("hold_cpu_awake"),
+        flight_recorder_ticks: r.integer("flight_recorder_ticks", 1, 1_000_000, "ticks"),
+    };
+    // A period of 0 is the placeholder of one that was told already.
+    if timing.period > Span::ZERO && timing.input_deadline >= timing.period {
+        r.refuse("input_deadline_us", "must be less than period_us");
+    }
+    timing
+}
+
+fn thread(r: &Reader<'_>) -> Thread {
+    let stack_kib: usize = r.integer("stack_kib", 64, 65_536, "KiB");
+    Thread {
+        priority: r.integer("priority", 0, 98, "1"),
+        core: r.optional_integer("core", 0, 1023),
+        stack_bytes: stack_kib * 1024,
+    }
+}
+
+pub(super) fn control(r: &Reader<'_>) -> Control {
+    const CONTROLLERS: &[(&str, ControllerKind)] =
+        &[("idle", ControllerKind::Idle), ("hold", ControllerKind::Hold), ("balance", ControllerKind::Balance)];
+    Control {
+        controller: r.choice("controller", CONTROLLERS, ControllerKind::Idle),
+        stance: r.choice("stance", LEGS, Leg::Inner),
+        observer_epsilon_s: r.number("observer_epsilon_s", range(1e-3, 1.0, "s")),
+        lqr_q: r.numbers("lqr_q", range(0.0, 1e9, "1")),
+        lqr_r: r.number("lqr_r", range(1e-9, 1e9, "1")),
+        friction_compensation: r.number("friction_compensation", range(0.0, 2.0, "1")),
+        hold_stiffness_nm_rad: r.number("hold_stiffness_nm_rad", range(0.0, 1e5, "Nm/rad")),
+        hold_damping_nm_s_rad: r.number("hold_damping_nm_s_rad", range(0.0, 1e4, "Nm s/rad")),
+    }
+}

@@ -1,0 +1,320 @@
+//! Takes checked values out of the raw tree and notes everything that is wrong on the way. RT: before arming only.
+//!
+//! A reading function goes on after an error with a placeholder, so that one run finds all errors of all files;
+//! [`Log::finish`] then refuses the result. What was read is written down in canonical form, so the text of a
+//! configuration depends on its meaning alone: comments, order and `30` against `30.0` do not change its hash.
+
+use super::checked::Parameter;
+use super::problem::{Errors, Problem};
+use super::raw::{Node, Origin, Raw};
+use crate::base::time::Span;
+use std::cell::{Cell, RefCell};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+
+/// An allowed range with its unit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Range {
+    min: f64,
+    max: f64,
+    unit: &'static str,
+}
+
+/// Closed range; the unit is shown in errors, `"1"` = none.
+pub(super) const fn range(min: f64, max: f64, unit: &'static str) -> Range {
+    Range { min, max, unit }
+}
+
+impl Range {
+    fn describe(self) -> String {
+        let unit = if self.unit == "1" { String::new() } else { format!(" {}", self.unit) };
+        format!("{} to {}{unit}", self.min, self.max)
+    }
+
+    fn contains(self, value: f64) -> bool {
+        // A NaN is in no range.
+        value >= self.min && value <= self.max
+    }
+}
+
+/// What was found while reading.
+#[derive(Default)]
+pub(super) struct Log {
+    errors: RefCell<Vec<Problem>>,
+    warnings: RefCell<Vec<Problem>>,
+    canonical: RefCell<BTreeMap<String, String>>,
+    muted: Cell<bool>,
+}
+
+impl Log {
+    /// Notes an error.
+    pub(super) fn error(&self, problem: Problem) {
+        if !self.muted.get() {
+            self.errors.borrow_mut().push(problem);
+        }
+    }
+
+    /// True if nothing is wrong so far.
+    pub(super) fn is_clean(&self) -> bool {
+        self.errors.borrow().is_empty()
+    }
+
+    /// Notes something suspicious.
+    pub(super) fn warn(&self, problem: Problem) {
+        self.warnings.borrow_mut().push(problem);
+    }
+
+    fn canonical(&self, key: String, value: String) {
+        if !self.muted.get() {
+            self.canonical.borrow_mut().insert(key, value);
+        }
+    }
+
+    /// The canonical text and the warnings, or all errors.
+    pub(super) fn finish(self) -> Result<(String, Vec<Problem>), Errors> {
+        let errors = self.errors.into_inner();
+        if !errors.is_empty() {
+            return Err(Errors(errors));
+        }
+        let mut text = String::new();
+        for (key, value) in self.canonical.into_inner() {
+            writeln!(text, "{key} = {value}").unwrap_or_default();
+        }
+        Ok((text, self.warnings.into_inner()))
+    }
+}
+
+/// Reads one table.
+pub(super) struct Reader<'a> {
+    path: String,
+    node: &'a Node,
+    seen: RefCell<BTreeSet<&'static str>>,
+    log: &'a Log,
+}
+
+/// Reads a table with `f`; keys that `f` did not ask for are errors.
+pub(super) fn read<T>(log: &Log, path: &str, node: &Node, f: impl FnOnce(&Reader<'_>) -> T) -> T {
+    let reader = Reader { path: path.to_owned(), node, seen: RefCell::default(), log };
+    let result = f(&reader);
+    reader.refuse_unknown_keys();
+    result
+}
+
+impl Reader<'_> {
+    /// A number in a range.
+    pub(super) fn number(&self, key: &'static str, range: Range) -> f64 {
+        self.get(key).map_or(f64::NAN, |node| self.checked_number(key, node, range))
+    }
+
+    /// A number in a range, or nothing.
+    pub(super) fn optional_number(&self, key: &'static str, range: Range) -> Option<f64> {
+        self.find(key).map(|node| self.checked_number(key, node, range))
+    }
+
+    /// A length of time typed in the unit that ends the key: `_s`, `_ms`, `_us`.
+    pub(super) fn span(&self, key: &'static str, min: f64, max: f64) -> Span {
+        let (unit, scale) = match key.rsplit('_').next() {
+            Some("ms") => ("ms", 1e-3),
+            Some("us") => ("us", 1e-6),
+            _ => ("s", 1.0),
+        };
+        Span::from_s(self.number(key, range(min, max, unit)) * scale)
+    }
+
+    /// So many numbers in a range.
+    pub(super) fn numbers<const N: usize>(&self, key: &'static str, range: Range) -> [f64; N] {
+        let mut out = [f64::NAN; N];
+        let Some(node) = self.get(key) else { return out };
+        let Raw::List(items) = &node.value else {
+            self.wrong(key, node, &format!("must be a list of {N} numbers"));
+            return out;
+        };
+        if items.len() != N {
+            self.wrong(key, node, &format!("must have {N} numbers, has {}", items.len()));
+            return out;
+        }
+        for (slot, item) in out.iter_mut().zip(items) {
+            *slot = self.plain_number(key, item, range);
+        }
+        let text: Vec<String> = out.iter().map(|x| format!("{x:?}")).collect();
+        self.note(key, format!("[{}]", text.join(", ")));
+        out
+    }
+
+    /// A whole number in a range.
+    pub(super) fn integer<T: TryFrom<i64> + Default>(&self, key: &'static str, min: i64, max: i64, unit: &str) -> T {
+        self.get(key).and_then(|node| self.checked_integer(key, node, (min, max), unit)).unwrap_or_default()
+    }
+
+    /// A whole number in a range, or nothing.
+    pub(super) fn optional_integer<T: TryFrom<i64>>(&self, key: &'static str, min: i64, max: i64) -> Option<T> {
+        self.find(key).and_then(|node| self.checked_integer(key, node, (min, max), "1"))
+    }
+
+    /// `true` or `false`.
+    pub(super) fn flag(&self, key: &'static str) -> bool {
+        let Some(node) = self.get(key) else { return false };
+        match node.value {
+            Raw::Flag(value) => {
+                self.note(key, value.to_string());
+                value
+            }
+            _ => {
+                self.wrong(key, node, "must be true or false");
+                false
+            }
+        }
+    }
+
+    /// A text.
+    pub(super) fn text(&self, key: &'static str) -> String {
+        let Some(node) = self.get(key) else { return String::new() };
+        match &node.value {
+            Raw::Text(value) => {
+                self.note(key, node.show());
+                value.clone()
+            }
+            _ => {
+                self.wrong(key, node, "must be a text in quotes");
+                String::new()
+            }
+        }
+    }
+
+    /// One of some words.
+    pub(super) fn choice<T: Copy>(&self, key: &'static str, choices: &[(&str, T)], placeholder: T) -> T {
+        let text = self.text(key);
+        if let Some((_, value)) = choices.iter().find(|(word, _)| *word == text) {
+            return *value;
+        }
+        let words: Vec<String> = choices.iter().map(|(word, _)| format!("\"{word}\"")).collect();
+        self.refuse(key, &format!("must be one of {}", words.join(", ")));
+        placeholder
+    }
+
+    /// A table within.
+    pub(super) fn table<T>(&self, key: &'static str, f: impl FnOnce(&Reader<'_>) -> T) -> T {
+        let empty = Node::empty(&self.node.at.file);
+        let node = self.get(key).filter(|node| self.is_table(key, node));
+        // One error for the missing table is enough: read placeholders silently.
+        let muted = self.log.muted.replace(node.is_none() || self.log.muted.get());
+        let result = read(self.log, &self.path_of(key), node.unwrap_or(&empty), f);
+        self.log.muted.set(muted);
+        result
+    }
+
+    /// A table within, or nothing.
+    pub(super) fn optional_table<T>(&self, key: &'static str, f: impl FnOnce(&Reader<'_>) -> T) -> Option<T> {
+        let node = self.find(key)?;
+        self.is_table(key, node).then(|| read(self.log, &self.path_of(key), node, f))
+    }
+
+    /// `{ value, min, max, unit, source, free }`. `units` are the allowed units with the factor to the first of them.
+    pub(super) fn parameter(&self, key: &'static str, range: Range, units: &[(&'static str, f64)]) -> Parameter {
+        let all = super::reader::range(f64::MIN, f64::MAX, "1");
+        self.table(key, |r| {
+            let unit = r.choice("unit", &units.iter().map(|u| (u.0, *u)).collect::<Vec<_>>(), ("", 1.0));
+            let raw = Parameter {
+                value: r.number("value", Range { unit: unit.0, ..range }),
+                min: r.number("min", all),
+                max: r.number("max", all),
+                unit: units.first().map_or("", |u| u.0).to_owned(),
+                source: r.text("source"),
+                free: r.flag("free"),
+            };
+            if raw.value < raw.min || raw.value > raw.max {
+                r.refuse("value", &format!("is outside its own bounds {} to {} {}", raw.min, raw.max, unit.0));
+            }
+            Parameter { value: raw.value * unit.1, min: raw.min * unit.1, max: raw.max * unit.1, ..raw }
+        })
+    }
+
+    /// Notes that the value of a key which was read is not allowed.
+    pub(super) fn refuse(&self, key: &'static str, what: &str) {
+        if let Some(node) = self.find(key) {
+            self.wrong(key, node, what);
+        }
+    }
+
+    fn checked_number(&self, key: &str, node: &Node, range: Range) -> f64 {
+        let value = self.plain_number(key, node, range);
+        self.note(key, format!("{value:?}"));
+        value
+    }
+
+    fn plain_number(&self, key: &str, node: &Node, range: Range) -> f64 {
+        match node.value {
+            Raw::Number { value, .. } if range.contains(value) => value,
+            Raw::Number { .. } => {
+                self.wrong(key, node, &format!("must be {}", range.describe()));
+                f64::NAN
+            }
+            _ => {
+                self.wrong(key, node, &format!("must be a number, {}", range.describe()));
+                f64::NAN
+            }
+        }
+    }
+
+    fn checked_integer<T: TryFrom<i64>>(&self, key: &str, node: &Node, range: (i64, i64), unit: &str) -> Option<T> {
+        let value = match node.value {
+            Raw::Number { whole: Some(n), .. } if (range.0..=range.1).contains(&n) => T::try_from(n).ok(),
+            _ => None,
+        };
+        let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
+        match value {
+            Some(_) => self.note(key, node.show()),
+            None => self.wrong(key, node, &format!("must be a whole number, {} to {}{unit}", range.0, range.1)),
+        }
+        value
+    }
+
+    fn is_table(&self, key: &str, node: &Node) -> bool {
+        let is = node.table().is_some();
+        if !is {
+            self.wrong(key, node, "must be a table");
+        }
+        is
+    }
+
+    /// The value of a key that must be there.
+    fn get(&self, key: &'static str) -> Option<&Node> {
+        let found = self.find(key);
+        if found.is_none() {
+            self.log.error(self.problem(key, &self.node.at, None, "is missing"));
+        }
+        found
+    }
+
+    fn find(&self, key: &'static str) -> Option<&Node> {
+        self.seen.borrow_mut().insert(key);
+        self.node.table()?.get(key)
+    }
+
+    fn refuse_unknown_keys(&self) {
+        let seen = self.seen.borrow();
+        for (key, node) in self.node.table().into_iter().flatten() {
+            if !seen.contains(key.as_str()) {
+                let known: Vec<&str> = seen.iter().copied().collect();
+                self.wrong(key, node, &format!("unknown key; known here: {}", known.join(", ")));
+            }
+        }
+    }
+
+    fn wrong(&self, key: &str, node: &Node, what: &str) {
+        self.log.error(self.problem(key, &node.at, Some(node.show()), what));
+    }
+
+    fn problem(&self, key: &str, at: &Origin, value: Option<String>, what: &str) -> Problem {
+        let key = self.path_of(key);
+        Problem { file: at.file.to_string(), line: at.line, key, value, what: what.to_owned() }
+    }
+
+    fn note(&self, key: &str, value: String) {
+        self.log.canonical(self.path_of(key), value);
+    }
+
+    fn path_of(&self, key: &str) -> String {
+        format!("{}.{key}", self.path)
+    }
+}

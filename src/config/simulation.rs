@@ -1,0 +1,45 @@
+//! Reads `sim`: the simulated robot and its imperfections. RT: before arming only.
+
+use super::checked::{ImuErrors, Simulation};
+use super::process::LEGS;
+use super::reader::{Reader, range};
+use super::robot::elasticity;
+use crate::msg::Leg;
+use std::f64::consts::PI;
+
+pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
+    let second = range(0.0, 1e6, "s");
+    Simulation {
+        seed: r.integer("seed", 0, i64::MAX, "1"),
+        initial_angle_rad: r.numbers("initial_angle_rad", range(-PI, PI, "rad")),
+        initial_rate_rad_s: r.numbers("initial_rate_rad_s", range(-20.0, 20.0, "rad/s")),
+        stance: r.choice("stance", LEGS, Leg::Inner),
+        on_blocks: r.flag("on_blocks"),
+        hip_elasticity: r.optional_table("hip_elasticity", elasticity),
+        friction_scale: r.numbers("friction_scale", range(0.0, 100.0, "1")),
+        actuator_lag_s: r.number("actuator_lag_s", range(0.0, 1.0, "s")),
+        torque_limit_nm: r.number("torque_limit_nm", range(0.0, 1e4, "Nm")),
+        ground_friction: r.number("ground_friction", range(0.0, 10.0, "1")),
+        restitution: r.number("restitution", range(0.0, 1.0, "1")),
+        ground_slope_rad: r.number("ground_slope_rad", range(-0.5, 0.5, "rad")),
+        initial_toe_m: r.numbers("initial_toe_m", range(0.0, 0.5, "m")),
+        imu: r.table("imu", imu_errors),
+        bus_timing: r.flag("bus_timing"),
+        operator_press_s: r.number("operator_press_s", second),
+        operator_release_s: r.optional_number("operator_release_s", second),
+    }
+}
+
+fn imu_errors(r: &Reader<'_>) -> ImuErrors {
+    let angle = range(0.0, 0.5, "rad");
+    ImuErrors {
+        static_error_rad: r.number("static_error_rad", angle),
+        dynamic_error_rad: r.number("dynamic_error_rad", angle),
+        drift_rad_sqrt_s: r.number("drift_rad_sqrt_s", range(0.0, 0.1, "rad/sqrt(s)")),
+        lag_s: r.number("lag_s", range(0.0, 1.0, "s")),
+        rate_noise_rad_s: r.number("rate_noise_rad_s", range(0.0, 1.0, "rad/s")),
+        attitude_noise_rad: r.number("attitude_noise_rad", angle),
+        accel_noise_g: r.number("accel_noise_g", range(0.0, 1.0, "g")),
+        latency_s: r.number("latency_s", range(0.0, 1.0, "s")),
+    }
+}

@@ -1,0 +1,143 @@
+use super::*;
+
+fn set(overrides: &[&str]) -> Result<Resolved, Errors> {
+    load(None, &overrides.iter().map(ToString::to_string).collect::<Vec<_>>())
+}
+
+fn errors(overrides: &[&str]) -> Vec<String> {
+    set(overrides).map_or_else(|e| e.0.iter().map(ToString::to_string).collect(), |_| Vec::new())
+}
+
+fn file(name: &str, text: &str) -> Result<Resolved, Errors> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    fs::write(&path, text).unwrap();
+    load(Some(&path), &[])
+}
+
+#[test]
+fn embedded_default_is_the_identified_robot_without_complaint() {
+    let default = set(&[]).unwrap();
+    assert_eq!(default.warnings, []);
+    let model = &default.config.robot.model;
+    let printed = [0.1007, 0.1434, 0.000_596, 0.1151, 0.1264, 0.0026];
+    assert!(model.c.iter().zip(printed).all(|(c, p)| c.value.to_bits() == f64::to_bits(p)));
+    // Model notes, section 2: .694 Nm s/rad and 1.841 Nm; three printed digits.
+    assert!((model.viscous_nm_s_rad.value - 0.694).abs() < 5e-4);
+    assert!((model.coulomb_nm.value - 1.841).abs() < 5e-4);
+}
+
+#[test]
+fn canonical_text_reads_back_to_the_same_configuration_and_hash() {
+    let default = set(&["control.lqr_r=0.1", "sim.operator_release_s=3"]).unwrap();
+    let again = from_canonical(&default.text).unwrap();
+    assert_eq!(again.config, default.config);
+    assert_eq!(again.text, default.text);
+    assert_eq!(again.hash, default.hash);
+}
+
+#[test]
+fn hash_depends_on_meaning_not_on_typing() {
+    let a = set(&["robot.hip.gear_ratio=30"]).unwrap();
+    let b = set(&["robot.hip.gear_ratio = 3.0e1"]).unwrap();
+    let c = set(&["robot.hip.gear_ratio=31"]).unwrap();
+    assert_eq!(a.hash, b.hash);
+    assert_ne!(a.hash, c.hash);
+}
+
+#[test]
+fn all_errors_of_all_files_come_at_once() {
+    let found = errors(&["robot.hip.gear_ratio=-3", "rt.period_us=\"fast\"", "control.nonsense=1", "sim.seed=1.5"]);
+    assert_eq!(found.len(), 4, "{found:#?}");
+    assert_eq!(found[0], "--set: robot.hip.gear_ratio = -3: must be 1 to 500");
+    assert!(found[1].contains("rt.period_us = \"fast\": must be a number, 100 to 1000000 us"), "{}", found[1]);
+    assert!(found[2].contains("control.nonsense = 1: unknown key; known here: controller"), "{}", found[2]);
+    assert!(found[3].contains("sim.seed = 1.5: must be a whole number"), "{}", found[3]);
+}
+
+#[test]
+fn error_names_file_and_line() {
+    let text = "# threads\nperiod_us = 1000.0\ntrigger = \"never\"\n";
+    let found = file("rt.toml", text).unwrap_err();
+    let trigger = found.0.iter().find(|p| p.key == "rt.trigger").unwrap();
+    assert_eq!(trigger.line, 3);
+    assert!(trigger.file.ends_with("rt.toml"));
+    // A section is taken whole: what the file leaves out is missing, never filled in.
+    assert!(found.0.iter().any(|p| p.key == "rt.threads" && p.what == "is missing"), "{found}");
+    assert!(!found.0.iter().any(|p| p.key.starts_with("rt.threads.")), "one error for a missing table");
+}
+
+#[test]
+fn syntax_errors_are_told_with_their_line() {
+    let found = file("control.toml", "stance = \"inner\"\nlqr_r = = 1\n").unwrap_err();
+    assert_eq!(found.0[0].line, 2, "{found}");
+}
+
+#[test]
+fn set_table_of_a_file_changes_single_keys_of_the_default() {
+    let text = "[set]\nrobot.bus0.backend = \"socketcan:can0\"\nrobot.bus1.backend = \"socketcan:can1\"\n";
+    let config = file("real.toml", text).unwrap().config;
+    assert_eq!(config.robot.buses[1].backend, checked::BusBackend::SocketCan("can1".into()));
+}
+
+#[test]
+fn command_line_goes_last_and_needs_no_quotes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("f.toml");
+    fs::write(&path, "[set]\ncontrol.controller = \"hold\"\n").unwrap();
+    let config = load(Some(&path), &["control.controller=idle".into()]).unwrap().config;
+    assert_eq!(config.control.controller, checked::ControllerKind::Idle);
+}
+
+#[test]
+fn missing_file_and_unknown_section_are_told() {
+    assert!(load(Some(Path::new("/nowhere/x.toml")), &[]).unwrap_err().to_string().contains("cannot be read"));
+    assert!(file("x.toml", "[robto]\n").unwrap_err().to_string().contains("unknown section"));
+    assert!(errors(&["gear_ratio=3"])[0].contains("a key starts with"));
+    assert!(errors(&["nonsense"])[0].contains("expected key=value"));
+}
+
+#[test]
+fn orientation_beyond_500_hz_is_refused_but_rates_may_have_1000() {
+    assert!(errors(&["robot.imu.rate_hz=1000"])[0].contains("limit of the device"));
+    set(&["robot.imu.rate_hz=1000", "robot.imu.message=accel_rate"]).unwrap();
+    assert!(errors(&["robot.imu.baud_bit_s=115200"])[0].contains("needs 155000 bit/s"));
+}
+
+#[test]
+fn calculated_column_of_the_thesis_is_warned_of_as_impossible() {
+    let column = [("c1", 0.0207), ("c2", 0.1101), ("c3", 0.0017), ("c4", 0.1382), ("c5", 0.0987), ("c6", 0.0329)];
+    let overrides: Vec<String> = column.iter().map(|(c, v)| format!("robot.model.{c}.value={v}")).collect();
+    let warnings = load(None, &overrides).unwrap().warnings;
+    assert!(warnings[0].what.contains("1.005 + 0.090 + 2.547"), "{}", warnings[0]);
+}
+
+#[test]
+fn impossible_mass_matrix_is_refused() {
+    assert!(errors(&["robot.model.c5.value=0.9"])[0].contains("not positive definite"));
+}
+
+#[test]
+fn friction_in_si_and_normalised_agree() {
+    let si = ["robot.model.viscous.unit=\"Nm s/rad\"", "robot.model.viscous.value=0.694"];
+    let viscous = set(&si).unwrap().config.robot.model.viscous_nm_s_rad;
+    assert_eq!((viscous.value, viscous.unit.as_str()), (0.694, "Nm s/rad"));
+    assert!(errors(&["robot.model.viscous.unit=Nm"])[0].contains("must be one of \"Nm s/rad\", \"1/s\""));
+}
+
+#[test]
+fn four_toes_on_one_classic_bus_at_every_sync_do_not_fit() {
+    let mut moved: Vec<String> = ["inner_toe_a", "inner_toe_b", "outer_toe_a", "outer_toe_b"]
+        .iter()
+        .flat_map(|toe| [format!("robot.drives.{toe}.bus=1"), format!("robot.drives.{toe}.sync_divisor=1")])
+        .collect();
+    let full = load(None, &moved).unwrap_err().to_string();
+    assert!(full.contains("106 % of the bus"), "{full}");
+    moved.extend(["inner_toe_a", "outer_toe_a"].map(|toe| format!("robot.drives.{toe}.sync_divisor=4")));
+    load(None, &moved).unwrap();
+}
+
+#[test]
+fn two_drives_with_one_node_are_refused() {
+    assert!(errors(&["robot.drives.inner_toe_a.node=1"])[0].contains("both node 1 on bus 0"));
+}
