@@ -11,7 +11,7 @@
 //! |---|---|---|---|
 //! | L0 | [`base`] | time, scalars, small linear algebra, Riccati, integrators; no robot, no I/O | yes |
 //! | L1 | [`msg`] | the doors: `Copy`, `repr(C)`, fixed size, stamped with time of validity | yes |
-//! | L1 | `model` | machines and effects as equations, generic in the scalar; no time, no I/O | yes |
+//! | L1 | [`model`] | machines and effects as equations, generic in the scalar; no time, no I/O | yes |
 //! | L2 | `config` | TOML as typed → checked, valid by construction | before arming |
 //! | L2 | `channel` | names and types of the iceoryx2 services; publish and subscribe without waiting | yes |
 //! | L3 | `sensor` | bytes to messages: IMU codec and serial line, operator | yes |
@@ -45,6 +45,7 @@ pub mod cli;
 pub mod config;
 pub mod diagnose;
 pub mod latency;
+pub mod model;
 pub mod msg;
 pub mod report;
 pub mod sim;

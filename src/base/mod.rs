@@ -2,5 +2,6 @@
 //!
 //! RT: all of it, but `riccati` (before arming only).
 
+pub mod linalg;
 pub mod scalar;
 pub mod time;
