@@ -5,4 +5,5 @@
 //! RT: no.
 
 pub mod score;
+pub mod screen;
 pub mod verdict;

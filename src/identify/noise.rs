@@ -206,7 +206,7 @@ mod tests {
         let r = coloured(0.9, 4000);
         assert!(portmanteau(std::slice::from_ref(&r)) > 1000.0);
         let colour = estimate(std::slice::from_ref(&r), 0.0);
-        assert!((colour.ar[0] - 0.9).abs() < 0.05 && (colour.sigma - 1.0).abs() < 0.05, "{colour:?}");
+        assert!((colour.ar[0] - 0.9).abs() < 0.05 && (colour.sigma - 1.0).abs() < 0.1, "{colour:?}");
         let mut e = r.clone();
         colour.whiten(&mut e, &(0..r.len()).collect::<Vec<_>>());
         assert!(portmanteau(&[e]) < 30.0); // 99.98 % point of chi-square with 8 degrees
