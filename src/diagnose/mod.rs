@@ -4,6 +4,7 @@
 //! recordings that were never fitted → [`verdict`].
 //! RT: no.
 
+pub mod candidates;
 pub mod score;
 pub mod screen;
 pub mod verdict;

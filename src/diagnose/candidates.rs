@@ -1,0 +1,401 @@
+//! The library as hypotheses: for each effect its places, its parameters with bounds, and where to start looking.
+//!
+//! Starts are fractions of the scales that the recordings themselves show (torque, rate, travel, sampling), never
+//! numbers of a case. A start is near zero effect where the effect is nested there, else the weakest strength that
+//! acts at all; shape parameters (a velocity, a frequency, a gap) get a grid.
+//! RT: no.
+
+/// How large things are on one joint over the fit recordings.
+#[derive(Clone, Debug)]
+pub struct JointScale {
+    /// Coordinate.
+    pub name: String,
+    /// Largest applied torque, Nm or N.
+    pub torque: f64,
+    /// Root mean square of the rate, rad/s or m/s.
+    pub rate: f64,
+    /// Half of the travel, rad or m.
+    pub travel: f64,
+    /// Inertia seen at the joint, kg m² or kg.
+    pub inertia: f64,
+    /// Coulomb friction of the base, Nm or N.
+    pub coulomb: f64,
+    /// True if an actuator acts on it.
+    pub driven: bool,
+    /// True if it turns (torque ripple then repeats per turn).
+    pub turns: bool,
+}
+
+/// How large things are on one actuator.
+#[derive(Clone, Debug)]
+pub struct ActuatorScale {
+    /// Column.
+    pub column: String,
+    /// Largest absolute torque or force that it applied.
+    pub peak: f64,
+}
+
+/// How large things are on one sensor.
+#[derive(Clone, Debug)]
+pub struct SensorScale {
+    /// Column.
+    pub column: String,
+    /// Standard deviation of the reading.
+    pub spread: f64,
+    /// True if it reads a rate.
+    pub of_rate: bool,
+}
+
+/// Everything that sets the scale of the candidates of one case.
+#[derive(Clone, Debug)]
+pub struct Scales {
+    /// Coordinates.
+    pub joints: Vec<JointScale>,
+    /// Actuators.
+    pub actuators: Vec<ActuatorScale>,
+    /// Sensors.
+    pub sensors: Vec<SensorScale>,
+    /// Sampling interval, s.
+    pub step_s: f64,
+    /// Longest fit recording, s.
+    pub duration_s: f64,
+    /// Leg length if there is a ground, m.
+    pub leg_m: Option<f64>,
+    /// Weight carried by the ground, N.
+    pub weight_n: f64,
+    /// True if a recording walks (impacts).
+    pub walks: bool,
+}
+
+/// A parameter of a candidate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Key {
+    /// Name of contract §3.
+    pub name: &'static str,
+    /// Smallest value.
+    pub min: f64,
+    /// Largest value.
+    pub max: f64,
+    /// Fitted as a logarithm: positive over decades.
+    pub log: bool,
+}
+
+/// An effect at a place, as a hypothesis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Candidate {
+    /// Id of contract §3.
+    pub effect: &'static str,
+    /// Its place.
+    pub at: String,
+    /// Its parameters.
+    pub keys: Vec<Key>,
+    /// Values to start from, in the order of `keys`.
+    pub starts: Vec<Vec<f64>>,
+}
+
+const fn linear(name: &'static str, min: f64, max: f64) -> Key {
+    Key { name, min, max, log: false }
+}
+
+const fn decades(name: &'static str, min: f64, max: f64) -> Key {
+    Key { name, min, max, log: true }
+}
+
+fn candidate(effect: &'static str, at: &str, keys: Vec<Key>, starts: Vec<Vec<f64>>) -> Candidate {
+    Candidate { effect, at: at.to_owned(), keys, starts }
+}
+
+/// Every candidate of the library that makes sense on this mechanism. Localised ones (a push, lost counts) start at
+/// the times that a scan of the residual proposes and are not here.
+#[must_use]
+pub fn library(scales: &Scales) -> Vec<Candidate> {
+    let mut all = Vec::new();
+    for joint in &scales.joints {
+        all.extend(friction(joint, scales));
+        all.extend(forces(joint));
+        if joint.driven {
+            all.extend(transmission(joint));
+        }
+        all.extend(structure(joint));
+    }
+    for actuator in &scales.actuators {
+        all.extend(drive(actuator, scales));
+    }
+    for sensor in &scales.sensors {
+        all.extend(sensing(sensor, scales));
+    }
+    if let Some(leg_m) = scales.leg_m {
+        all.extend(ground(leg_m, scales));
+    }
+    all
+}
+
+fn friction(j: &JointScale, scales: &Scales) -> Vec<Candidate> {
+    let level = j.torque.max(j.coulomb);
+    let viscous = level / j.rate.max(1e-12);
+    let small = 0.01 * level;
+    let mut all = vec![
+        candidate(
+            "viscous_friction",
+            &j.name,
+            vec![linear("viscous", 0.0, 10.0 * viscous)],
+            vec![vec![0.01 * viscous]],
+        ),
+        candidate("coulomb_friction", &j.name, vec![linear("coulomb", 0.0, 3.0 * level)], vec![vec![small]]),
+        candidate(
+            "stribeck_friction",
+            &j.name,
+            vec![linear("extra", 0.0, 3.0 * level), decades("velocity", 0.003 * j.rate, 2.0 * j.rate)],
+            [0.03, 0.1, 0.3, 0.8].iter().map(|v| vec![small, v * j.rate]).collect(),
+        ),
+        candidate("load_friction", &j.name, vec![linear("coefficient", 0.0, 2.0)], vec![vec![0.01]]),
+        candidate(
+            "quadratic_drag",
+            &j.name,
+            vec![linear("quadratic", 0.0, 10.0 * viscous / j.rate.max(1e-12))],
+            vec![vec![0.005 * viscous / j.rate.max(1e-12)]],
+        ),
+    ];
+    if j.coulomb > 0.0 {
+        let limit = 2.0 / scales.duration_s;
+        all.push(candidate("friction_drift", &j.name, vec![linear("rate", -limit, 10.0 * limit)], vec![vec![0.0]]));
+        let softest = j.coulomb / (0.2 * j.travel);
+        all.push(candidate(
+            "presliding",
+            &j.name,
+            vec![decades("stiffness", 0.3 * softest, 3e4 * softest)],
+            [4.0, 20.0, 100.0, 500.0].iter().map(|x| vec![x * softest]).collect(),
+        ));
+    }
+    all
+}
+
+fn forces(j: &JointScale) -> Vec<Candidate> {
+    let small = 0.01 * j.torque.max(j.coulomb);
+    let stiffness = small / j.travel.max(1e-12);
+    vec![
+        candidate("torque_offset", &j.name, vec![linear("torque", -300.0 * small, 300.0 * small)], vec![vec![0.0]]),
+        candidate(
+            "parallel_spring",
+            &j.name,
+            vec![linear("stiffness", 0.0, 1e4 * stiffness), linear("rest", -20.0 * j.travel, 20.0 * j.travel)],
+            vec![vec![stiffness, 0.0], vec![stiffness, -2.0 * j.travel], vec![stiffness, 2.0 * j.travel]],
+        ),
+    ]
+}
+
+fn transmission(j: &JointScale) -> Vec<Candidate> {
+    let (tau, pi) = (2.0 * std::f64::consts::PI, std::f64::consts::PI);
+    let mut elastic = Vec::new();
+    for share in [0.15, 0.5] {
+        for hz in [4.0, 10.0, 25.0, 60.0] {
+            let rotor = share * j.inertia;
+            let reduced = rotor * (1.0 - share);
+            let stiffness = reduced * (tau * hz) * (tau * hz);
+            elastic.push(vec![stiffness, 0.06 * reduced * tau * hz, rotor]);
+        }
+    }
+    let stiffest = j.inertia * (tau * 300.0) * (tau * 300.0);
+    let rotor = Key { name: "rotor_inertia", min: 0.003 * j.inertia, max: 0.97 * j.inertia, log: true };
+    let gaps = [0.002, 0.01, 0.05];
+    vec![
+        candidate(
+            "joint_elasticity",
+            &j.name,
+            vec![
+                decades("stiffness", 1e-6 * stiffest, stiffest),
+                decades("damping", 1e-7 * j.inertia * tau, 10.0 * j.inertia * tau * pi),
+                rotor,
+            ],
+            elastic,
+        ),
+        candidate(
+            "backlash",
+            &j.name,
+            vec![decades("gap", 1e-4 * j.travel, j.travel), rotor],
+            gaps.iter()
+                .flat_map(|g| [vec![g * j.travel, 0.1 * j.inertia], vec![g * j.travel, 0.4 * j.inertia]])
+                .collect(),
+        ),
+    ]
+}
+
+fn structure(j: &JointScale) -> Vec<Candidate> {
+    let keys =
+        vec![decades("frequency", 0.5, 150.0), decades("damping", 0.002, 0.5), linear("participation", 0.0, 0.9)];
+    let starts = [3.0, 6.0, 12.0, 25.0, 50.0].iter().map(|f| vec![*f, 0.03, 0.03]).collect();
+    vec![candidate("link_flexibility", &j.name, keys, starts)]
+}
+
+fn drive(a: &ActuatorScale, scales: &Scales) -> Vec<Candidate> {
+    let longest = 100.0 * scales.step_s;
+    vec![
+        candidate(
+            "actuator_lag",
+            &a.column,
+            vec![linear("time_constant", 0.0, longest)],
+            vec![vec![0.5 * scales.step_s]],
+        ),
+        candidate("transport_delay", &a.column, vec![linear("delay", 0.0, longest)], vec![vec![0.5 * scales.step_s]]),
+        candidate(
+            "torque_limit",
+            &a.column,
+            vec![linear("limit", 0.02 * a.peak, 1.05 * a.peak)],
+            [0.95, 0.85, 0.7, 0.5].iter().map(|x| vec![x * a.peak]).collect(),
+        ),
+    ]
+}
+
+fn sensing(s: &SensorScale, scales: &Scales) -> Vec<Candidate> {
+    let longest = 100.0 * scales.step_s;
+    let mut all = vec![
+        candidate(
+            "sensor_lag",
+            &s.column,
+            vec![linear("time_constant", 0.0, longest)],
+            vec![vec![0.5 * scales.step_s]],
+        ),
+        candidate("sensor_delay", &s.column, vec![linear("delay", 0.0, longest)], vec![vec![0.5 * scales.step_s]]),
+        candidate("sensor_bias", &s.column, vec![linear("bias", -3.0 * s.spread, 3.0 * s.spread)], vec![vec![0.0]]),
+        candidate(
+            "sensor_drift",
+            &s.column,
+            vec![linear("rate", -10.0 * s.spread / scales.duration_s, 10.0 * s.spread / scales.duration_s)],
+            vec![vec![0.0]],
+        ),
+        candidate("sensor_scale", &s.column, vec![linear("scale", 0.3, 3.0)], vec![vec![1.0]]),
+        candidate("clock_skew", &s.column, vec![linear("skew", -0.1, 0.1)], vec![vec![0.0]]),
+    ];
+    if !s.of_rate {
+        let amplitude = 0.003 * s.spread;
+        all.push(candidate(
+            "encoder_eccentricity",
+            &s.column,
+            vec![linear("amplitude", 0.0, 0.5 * s.spread), linear("phase", -20.0, 20.0)],
+            vec![vec![amplitude, 0.0], vec![amplitude, 2.1], vec![amplitude, -2.1]],
+        ));
+    }
+    all
+}
+
+fn ground(leg_m: f64, scales: &Scales) -> Vec<Candidate> {
+    let at = "ground";
+    let mut all = vec![
+        candidate("ground_slope", at, vec![linear("slope", -0.3, 0.3)], vec![vec![0.0]]),
+        candidate(
+            "counterweight",
+            at,
+            vec![linear("force", -0.5 * scales.weight_n, 2.0 * scales.weight_n)],
+            vec![vec![0.0]],
+        ),
+        candidate("round_foot", at, vec![linear("radius", 0.0, leg_m)], vec![vec![0.0]]),
+        candidate(
+            "toe_compliance",
+            at,
+            vec![
+                decades("stiffness", 3.0 * scales.weight_n / leg_m, 3e5 * scales.weight_n / leg_m),
+                decades("damping", 0.03 * scales.weight_n / leg_m, 3e3 * scales.weight_n / leg_m),
+            ],
+            [100.0, 400.0, 1600.0]
+                .iter()
+                .map(|x| vec![x * scales.weight_n / leg_m, 4.0 * scales.weight_n / leg_m])
+                .collect(),
+        ),
+        candidate(
+            "foot_slip",
+            at,
+            vec![linear("friction", 0.02, 1.5)],
+            [0.6, 0.4, 0.25, 0.15, 0.1].iter().map(|x| vec![*x]).collect(),
+        ),
+    ];
+    if scales.walks {
+        all.push(candidate(
+            "elastic_impact",
+            at,
+            vec![linear("restitution", 0.0, 0.95)],
+            vec![vec![0.05], vec![0.2], vec![0.4]],
+        ));
+    }
+    all
+}
+
+/// Effects that this data may take for one another: all partners of a good candidate are fitted as well.
+pub const LOOKALIKES: &[&[&str]] = &[
+    &[
+        "transport_delay",
+        "actuator_lag",
+        "joint_elasticity",
+        "link_flexibility",
+        "sensor_delay",
+        "sensor_lag",
+        "clock_skew",
+    ],
+    &[
+        "coulomb_friction",
+        "stribeck_friction",
+        "presliding",
+        "load_friction",
+        "friction_drift",
+        "quadratic_drag",
+        "viscous_friction",
+    ],
+    &["presliding", "backlash", "joint_elasticity"],
+    &["torque_limit", "viscous_friction", "load_friction", "quadratic_drag"],
+    &["torque_offset", "parallel_spring", "sensor_bias", "ground_slope"],
+    &["torque_ripple", "encoder_eccentricity"],
+    &["counterweight", "round_foot", "parallel_spring", "ground_slope"],
+    &["foot_slip", "elastic_impact", "toe_compliance"],
+    &["sensor_scale", "sensor_lag", "sensor_delay"],
+];
+
+/// True if `a` and `b` are known to look alike.
+#[must_use]
+pub fn look_alike(a: &str, b: &str) -> bool {
+    LOOKALIKES.iter().any(|group| group.contains(&a) && group.contains(&b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    pub(crate) fn scales() -> Scales {
+        Scales {
+            joints: vec![JointScale {
+                name: "q1".into(),
+                torque: 1.0,
+                rate: 2.0,
+                travel: 0.5,
+                inertia: 0.01,
+                coulomb: 0.05,
+                driven: true,
+                turns: true,
+            }],
+            actuators: vec![ActuatorScale { column: "u".into(), peak: 1.0 }],
+            sensors: vec![SensorScale { column: "q1_rad".into(), spread: 0.3, of_rate: false }],
+            step_s: 0.0025,
+            duration_s: 6.0,
+            leg_m: Some(1.0),
+            weight_n: 150.0,
+            walks: true,
+        }
+    }
+
+    #[test]
+    fn every_start_lies_within_its_bounds() {
+        for c in library(&scales()) {
+            assert!(!c.starts.is_empty(), "{} has no start", c.effect);
+            for start in &c.starts {
+                assert_eq!(start.len(), c.keys.len());
+                for (x, k) in start.iter().zip(&c.keys) {
+                    assert!(*x >= k.min && *x <= k.max, "{} {} = {x} outside [{}, {}]", c.effect, k.name, k.min, k.max);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lookalikes_are_mutual() {
+        assert!(look_alike("actuator_lag", "transport_delay") && look_alike("transport_delay", "actuator_lag"));
+        assert!(!look_alike("sensor_bias", "backlash"));
+    }
+}
