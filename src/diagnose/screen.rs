@@ -106,7 +106,7 @@ impl Window {
             xx[(i, i)] += largest * 1e-12 + 1e-300;
         }
         let xx_inverse = xx.cholesky().map_or_else(|| DMatrix::zeros(states, states), |c| c.inverse());
-        let pp = DMatrix::from_fn(shared, shared, |a, b| entry(a, b)) - &px * &xx_inverse * px.transpose();
+        let pp = DMatrix::from_fn(shared, shared, entry) - &px * &xx_inverse * px.transpose();
         let gp = DVector::from_fn(shared, |a, _| slope(a)) - &px * &xx_inverse * &gx;
         (Self { channels, px, xx_inverse, gx }, pp, gp)
     }

@@ -318,7 +318,6 @@ pub fn fit(runs: &impl FreeRuns, start: Point, bounds: &[Bound], noise: &[Colour
         let Some(system) = linearise(runs, &at, noise) else { break };
         iterations += 1;
         best = system.cost;
-        outcome = Outcome::IterationLimit;
         let mut accepted = None;
         for _ in 0..8 {
             let step = system.step(&at, bounds, damping);
