@@ -3,4 +3,6 @@
 //! RT: no.
 
 pub mod findings;
+pub mod page;
+pub mod plot;
 pub mod table;

@@ -1,0 +1,121 @@
+//! The tables of the page, and the ranking of the candidates. RT: no.
+
+use super::{section, words};
+use crate::report::findings::{Estimate, Findings, Member, Ranked};
+use crate::report::plot::Tone;
+use crate::report::plot::bars::{Bar, ranking};
+use crate::report::table::{Align, Table, escape, number, with_deviation};
+
+/// Bars shown.
+const CANDIDATES: usize = 10;
+
+/// What is missing, what else was considered, what was ruled out and why.
+pub(super) fn candidates(findings: &Findings) -> String {
+    let mut body = String::new();
+    if !findings.diagnosis.missing.is_empty() {
+        body += &found_table(findings).to_html();
+    }
+    if !findings.ranking.is_empty() {
+        let bars: Vec<Bar> = findings.ranking.iter().take(CANDIDATES).map(bar).collect();
+        body += "<p class=\"soft\">How much of the mismatch each candidate explains alone, everything else re-fitted with it. \
+                 Blue: in the answer.</p>";
+        body += &format!("<figure>{}</figure>", ranking(&bars, 860.0));
+    }
+    if !findings.diagnosis.rejected.is_empty() {
+        body += "<h2>Ruled out, and why</h2>";
+        body += &rejected_table(findings).to_html();
+    }
+    if body.is_empty() { body } else { section("The candidates", &body) }
+}
+
+fn bar(candidate: &Ranked) -> Bar {
+    Bar {
+        name: format!("{} at {}", words(&candidate.effect), candidate.at),
+        value: candidate.explained,
+        text: format!(
+            "{} %   2Δ ln L {}",
+            number((100.0 * candidate.explained).round()),
+            number(candidate.gain.round())
+        ),
+        tone: if candidate.chosen { Tone::Explained } else { Tone::Given },
+    }
+}
+
+fn found_table(findings: &Findings) -> Table {
+    let mut table = Table::new(&[
+        ("missing", Align::Left),
+        ("at", Align::Left),
+        ("weight", Align::Right),
+        ("parameters, ± one standard deviation", Align::Left),
+    ]);
+    for (i, entry) in findings.diagnosis.missing.iter().enumerate() {
+        for (j, member) in entry.one_of.iter().enumerate() {
+            let lead = if j == 0 { format!("{}. ", i + 1) } else { "    or ".to_owned() };
+            let weight = format!("{:.2}", member.weight);
+            table.push([lead + &words(&member.effect), member.at.clone(), weight, values(member)]);
+        }
+    }
+    table
+}
+
+fn values(member: &Member) -> String {
+    let value = |(key, v): (&String, &Estimate)| format!("{} {}", words(key), with_deviation(v.value, v.std));
+    member.parameters.iter().map(value).collect::<Vec<_>>().join(", ")
+}
+
+fn rejected_table(findings: &Findings) -> Table {
+    let mut table = Table::new(&[("effect", Align::Left), ("at", Align::Left), ("why not", Align::Left)]);
+    for rejected in &findings.diagnosis.rejected {
+        table.push([words(&rejected.effect), rejected.at.clone(), rejected.why.clone()]);
+    }
+    table
+}
+
+/// Free-run errors of every recording and channel.
+pub(super) fn errors(findings: &Findings) -> String {
+    let right = Align::Right;
+    let mut table = Table::new(&[
+        ("recording", Align::Left),
+        ("use", Align::Left),
+        ("channel", Align::Left),
+        ("given", right),
+        ("re-fitted", right),
+        ("explained", right),
+    ]);
+    for row in &findings.diagnosis.fit {
+        let figures = [row.nrmse_given, row.nrmse_refitted, row.nrmse_explained].map(number);
+        table.push([row.recording.clone(), row.use_.clone(), row.channel.clone()].into_iter().chain(figures));
+    }
+    if table.is_empty() {
+        return String::new();
+    }
+    section("Errors of the free runs (part of the channel's standard deviation)", &table.to_html())
+}
+
+/// Parameters before and after, and what the data does not determine.
+pub(super) fn parameters(findings: &Findings) -> String {
+    let right = Align::Right;
+    let mut table = Table::new(&[
+        ("parameter", Align::Left),
+        ("given", right),
+        ("re-fitted", right),
+        ("explained", right),
+        ("± std", right),
+        ("", Align::Left),
+    ]);
+    for line in &findings.parameters {
+        let figures = [line.given, line.refitted, line.explained.value, line.explained.std].map(number);
+        let note = if line.at_bound { "at its bound" } else { "" };
+        table.push([line.name.clone()].into_iter().chain(figures).chain([note.to_owned()]));
+    }
+    let open: String = findings.undetermined.iter().map(|text| format!("<li>{}</li>", escape(text))).collect();
+    let open = if open.is_empty() {
+        open
+    } else {
+        format!("<p>Not determined by these recordings:</p><ul class=\"said\">{open}</ul>")
+    };
+    if table.is_empty() && open.is_empty() {
+        return String::new();
+    }
+    section("Parameters", &(table.to_html() + &open))
+}
