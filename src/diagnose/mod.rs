@@ -7,4 +7,5 @@
 pub mod candidates;
 pub mod score;
 pub mod screen;
+pub mod sentence;
 pub mod verdict;

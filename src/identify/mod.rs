@@ -3,4 +3,5 @@
 //! RT: no.
 
 pub mod fit;
+pub mod identifiability;
 pub mod noise;

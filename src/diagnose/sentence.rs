@@ -1,0 +1,197 @@
+//! What a person would say: effects, places and experiments in words.
+//!
+//! RT: no.
+
+use crate::diagnose::verdict::{Estimate, Member, Missing};
+use std::collections::BTreeMap;
+
+/// A number with three significant digits.
+#[must_use]
+pub fn three(x: f64) -> String {
+    if x == 0.0 || !x.is_finite() {
+        return format!("{x}");
+    }
+    let digits = libm::floor(libm::log10(x.abs())) as i32;
+    if (-3..6).contains(&digits) {
+        format!("{x:.*}", usize::try_from((2 - digits).max(0)).unwrap_or(0))
+    } else {
+        format!("{x:.2e}")
+    }
+}
+
+fn number(parameters: &BTreeMap<String, Estimate>, key: &str) -> String {
+    parameters.get(key).map_or_else(
+        || "?".to_owned(),
+        |e| {
+            if e.std.is_finite() && e.std > 0.0 && e.std < 3.0 * e.value.abs() {
+                format!("{} ± {}", three(e.value), three(e.std))
+            } else {
+                three(e.value)
+            }
+        },
+    )
+}
+
+fn milli(parameters: &BTreeMap<String, Estimate>, key: &str) -> String {
+    parameters.get(key).map_or_else(|| "?".to_owned(), |e| format!("{} ms", three(1e3 * e.value)))
+}
+
+/// The effect in words, with its numbers.
+#[must_use]
+pub fn describe(member: &Member) -> String {
+    let (at, p) = (member.at.as_str(), &member.parameters);
+    let n = |key: &str| number(p, key);
+    match member.effect.as_str() {
+        "viscous_friction" => format!("viscous friction at {at} ({} per unit of rate)", n("viscous")),
+        "coulomb_friction" => format!("Coulomb friction at {at} that holds and brakes with {}", n("coulomb")),
+        "friction_asymmetry" => {
+            format!("friction at {at} that differs by direction (half difference {})", n("difference"))
+        }
+        "stribeck_friction" => {
+            format!(
+                "friction at {at} that falls with speed: {} more at rest, gone above a rate of {}",
+                n("extra"),
+                n("velocity")
+            )
+        }
+        "load_friction" => {
+            format!("friction at {at} that grows with the transmitted load ({} of it)", n("coefficient"))
+        }
+        "quadratic_drag" => format!("drag at {at} that grows with the square of the rate ({})", n("quadratic")),
+        "presliding" => {
+            format!("friction at {at} that gives elastically before it slips (stiffness {})", n("stiffness"))
+        }
+        "friction_drift" => format!("friction at {at} that changes with time ({} of its level per second)", n("rate")),
+        "parallel_spring" => format!("a spring at {at} (stiffness {}, rest at {})", n("stiffness"), n("rest")),
+        "torque_offset" => format!("a constant torque or force at {at} of {}", n("torque")),
+        "torque_ripple" => {
+            format!("a torque at {at} that repeats with the angle ({}, order {})", n("amplitude"), n("order"))
+        }
+        "joint_elasticity" => elasticity(member),
+        "backlash" => {
+            format!("play of {} between motor and link at {at} (rotor side inertia {})", n("gap"), n("rotor_inertia"))
+        }
+        "link_flexibility" => {
+            format!(
+                "a structural mode of the link at {at} ({} Hz, {} of its inertia)",
+                n("frequency"),
+                n("participation")
+            )
+        }
+        "external_push" => format!("a single push at {at} of {} at t = {} s", n("impulse"), n("time")),
+        "torque_limit" => format!("the drive of {at} saturates at {}", n("limit")),
+        "actuator_lag" => format!("a lag of the drive of {at} of {}", milli(p, "time_constant")),
+        "transport_delay" => format!("the command {at} acts {} late", milli(p, "delay")),
+        "sensor_lag" => format!("{at} is low-pass filtered ({})", milli(p, "time_constant")),
+        "sensor_delay" => format!("{at} is read {} late", milli(p, "delay")),
+        "sensor_bias" => format!("a constant offset of {at} of {}", n("bias")),
+        "sensor_drift" => format!("an offset of {at} that grows by {} per second", n("rate")),
+        "sensor_scale" => format!("{at} reads {} times the truth", n("scale")),
+        "encoder_eccentricity" => format!("a once-per-turn error of {at} of {}", n("amplitude")),
+        "lost_counts" => format!("{at} jumps by {} at t = {} s and stays", n("step"), n("time")),
+        "clock_skew" => format!("the clock of {at} runs fast by {}", n("skew")),
+        "foot_slip" => format!("the stance toe slides beyond a friction of {}", n("friction")),
+        "elastic_impact" => format!("the foot rebounds at touchdown (restitution {})", n("restitution")),
+        "toe_compliance" => format!("a spring along the leg at the toe ({} N/m)", n("stiffness")),
+        "ground_slope" => format!("the ground is tilted by {} rad", n("slope")),
+        "counterweight" => {
+            format!("an upward force at the hip of {} N: what falls weighs less than what swings", n("force"))
+        }
+        "round_foot" => format!("the toe is an arc of radius {} m that rolls", n("radius")),
+        _ => format!("physics at {at} that no effect of the library explains"),
+    }
+}
+
+/// Joint elasticity with its resonance: what an engineer looks for in a spectrum.
+fn elasticity(member: &Member) -> String {
+    let at = &member.at;
+    let value = |key: &str| member.parameters.get(key).map_or(f64::NAN, |e| e.value);
+    let hz = libm::sqrt(value("stiffness") / value("rotor_inertia")) / (2.0 * std::f64::consts::PI);
+    format!(
+        "motor and link at {at} are joined by a spring of {} (with the link held, the rotor of {} rings at {} Hz)",
+        number(&member.parameters, "stiffness"),
+        number(&member.parameters, "rotor_inertia"),
+        three(hz)
+    )
+}
+
+/// One or two sentences for an entry: its best member, and what else it may be.
+#[must_use]
+pub fn entry(members: &[Member], removed: f64) -> String {
+    let Some(best) = members.first() else { return String::new() };
+    let share =
+        if removed > 0.0 { format!(" It accounts for {:.0} % of the misfit.", 100.0 * removed) } else { String::new() };
+    let head = format!("The simulation lacks {}.{share}", describe(best));
+    if members.len() == 1 {
+        return head;
+    }
+    let others: Vec<String> = members[1..].iter().map(describe).collect();
+    format!("{head} This data cannot tell it from {}.", others.join(", nor from "))
+}
+
+/// The sentence of an entry that the library does not explain.
+#[must_use]
+pub fn unlisted(at: &str, over: &str, share: f64) -> String {
+    format!(
+        "At {at} acts something that no effect of the library explains; {:.0} % of the misfit goes with {over}.",
+        100.0 * share
+    )
+}
+
+/// What would tell the members of the first ambiguous entry apart.
+#[must_use]
+pub fn next_experiment(missing: &[Missing]) -> Option<String> {
+    let entry = missing.iter().find(|m| m.one_of.len() > 1)?;
+    let has = |effect: &str| entry.one_of.iter().any(|m| m.effect == effect);
+    let at = entry.one_of.first().map_or("", |m| m.at.as_str());
+    let text = if has("torque_offset") && has("friction_asymmetry") {
+        format!(
+            "Turn the mechanism round, or raise the command slowly from rest in both directions at {at} and note where it breaks away."
+        )
+    } else if has("sensor_bias") && (has("ground_slope") || has("torque_offset")) {
+        "Turn the machine round on the same spot and record again: a slope changes sign, a sensor offset does not."
+            .to_owned()
+    } else if has("counterweight") && has("round_foot") {
+        "Lean the leg far from upright (20 degrees and more), or take the support away: an arc rolls, a counterweight does not.".to_owned()
+    } else if has("transport_delay") && (has("sensor_delay") || has("sensor_lag")) {
+        "Add a second sensor on another clock, or log the drive's own current: a late command shows there, a late reading does not.".to_owned()
+    } else if has("transport_delay") || has("actuator_lag") {
+        "Command steps and a fast chirp up to a quarter of the sampling rate: a delay keeps its gain, a lag rolls off."
+            .to_owned()
+    } else if has("joint_elasticity") || has("link_flexibility") {
+        "Block the output and drive a chirp through the resonance; then tap the link with the motor held.".to_owned()
+    } else if has("stribeck_friction") || has("presliding") || has("load_friction") || has("coulomb_friction") {
+        format!("Run {at} at a ladder of constant speeds in both directions, slow ones included, with two payloads.")
+    } else if has("torque_offset") && has("parallel_spring") {
+        format!("Hold or swing {at} about two positions far apart: a spring's torque changes, a constant one does not.")
+    } else {
+        format!("Record {at} again with motion of other speed, amplitude and load than so far.")
+    };
+    Some(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn member(effect: &str, key: &str, value: f64) -> Member {
+        let parameters = BTreeMap::from([(key.to_owned(), Estimate { value, std: 0.01 * value })]);
+        Member { effect: effect.into(), at: "u_v".into(), weight: 0.5, parameters }
+    }
+
+    #[test]
+    fn a_pair_is_said_as_a_pair_and_asks_for_the_deciding_experiment() {
+        let pair = vec![member("transport_delay", "delay", 0.0038), member("actuator_lag", "time_constant", 0.0041)];
+        let said = entry(&pair, 0.9);
+        assert!(said.contains("acts 3.80 ms late") && said.contains("cannot tell it from a lag"), "{said}");
+        let missing = [Missing { one_of: pair, sentence: said }];
+        assert!(next_experiment(&missing).is_some_and(|e| e.contains("chirp")));
+    }
+
+    #[test]
+    fn numbers_carry_three_digits() {
+        assert_eq!(three(377.04), "377");
+        assert_eq!(three(-0.012_345), "-0.0123");
+        assert_eq!(three(1.0e-5), "1.00e-5");
+    }
+}
