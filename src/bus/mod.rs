@@ -5,6 +5,8 @@
 //! | `frame` | how long a frame takes on the wire, exact and worst case |
 //! | [`canopen`], [`sdo`], [`pdo`] | CiA 301 as pure parse and emit |
 //! | [`cia402`] | the drive profile's state machine, both ends of it |
+//! | [`budget`] | who may use the bus when, and whether it all fits |
+//! | [`line`] | the master of one bus |
 //!
 //! A bus never waits: a frame is taken or refused at once, and a frame is there or not. A frame that was sent comes
 //! back as an *echo* from the wire itself, which is the only proof that it left; every implementation does this.
@@ -20,9 +22,11 @@
     )
 )]
 
+pub mod budget;
 pub mod canopen;
 pub mod cia402;
 pub mod frame;
+pub mod line;
 pub mod pdo;
 pub mod sdo;
 

@@ -1,0 +1,332 @@
+//! One drive as its master sees it: set-up, power state, command and answer. RT: yes.
+//!
+//! ```text
+//!  Reset ─NMT reset→ AwaitBoot ─boot-up→ Configure ─all steps→ Start ─NMT start→ AwaitAnswer ─TPDO→ Operating
+//!    ↑                   │ 2 s               │ refused, silent              0.5 s │                │ heartbeat lost
+//!    └──── 1 s ─────── Failed ←──────────────┴────────────────────────────────────┴────────────────┘
+//!  A boot-up message in any state but Reset leads to Configure: the drive has lost its mapping.
+//! ```
+
+use super::setup::{self, SetupFault, Step};
+use crate::base::time::{Span, Stamp};
+use crate::bus::canopen::{Emergency, Message, NmtCommand, NmtState, Node, PdoData};
+use crate::bus::cia402::{self, State};
+use crate::bus::pdo::{self, Answer};
+use crate::bus::sdo::{SdoReply, SdoRequest};
+use crate::config::checked::{DriveConfig, DriveMode, RealTime};
+use crate::msg::{CanFrame, DriveCommand, DriveFeedback, DriveGoal, DriveState};
+
+/// After a reset a drive boots in less (CiA 301 sets no limit; 2 s is what drivers of common makes wait).
+const BOOT_TIMEOUT: Span = Span::from_ms(2000);
+/// An object server that has not answered in this time is asked again.
+const SDO_TIMEOUT: Span = Span::from_ms(100);
+/// So often before it counts as silent.
+const SDO_TRIES: u8 = 3;
+/// From NMT start to the first process data.
+const ANSWER_TIMEOUT: Span = Span::from_ms(500);
+/// A failed drive is tried again after this.
+const RETRY: Span = Span::from_ms(1000);
+/// So many heartbeats may be missing.
+const HEARTBEATS_MISSED: i64 = 3;
+/// Commands with zero torque (or the measured position) after the drive was first seen enabled.
+const ZERO_COMMANDS: u8 = 2;
+/// Commands that the reset bit stays low, then high.
+const RESET_HOLD: u8 = 4;
+
+/// Error codes below are [`SetupFault`]s.
+const FIRST_CODE_OF_DRIVES: u16 = 0x0100;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Reset,
+    AwaitBoot { deadline: Stamp },
+    Configure { step: usize, asked: Option<Stamp>, tries: u8 },
+    Start,
+    AwaitAnswer { deadline: Stamp },
+    Operating,
+    Failed { until: Stamp },
+}
+
+const CONFIGURE: Phase = Phase::Configure { step: 0, asked: None, tries: 0 };
+
+/// When in the round of SYNCs a drive is served.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::bus) struct Slot {
+    /// Every so many SYNCs.
+    pub(in crate::bus) divisor: u32,
+    /// Commands go out in this phase of the round.
+    pub(in crate::bus) command: u32,
+    /// NMT start goes out in this phase, so that the answers come in phase 0.
+    pub(in crate::bus) start: u32,
+}
+
+/// One drive.
+#[derive(Debug)]
+pub(super) struct DriveLine {
+    /// Its index in [`crate::msg::Drive`].
+    pub(super) index: usize,
+    /// Its node.
+    pub(super) node: Node,
+    /// What it says.
+    pub(super) feedback: DriveFeedback,
+    /// When its command went out, while nothing proves that it left the wire.
+    pub(super) command_in_flight: Option<Stamp>,
+    mode: DriveMode,
+    slot: Slot,
+    max_torque_permille: i16,
+    steps: Box<[Step]>,
+    silence_limit: Span,
+    phase: Phase,
+    state: State,
+    heard: Stamp,
+    /// The goal must drop below enabled before the drive is reset or enabled again.
+    held_back: bool,
+    goal: DriveGoal,
+    enabled_commands: u8,
+    reset_commands: u8,
+    hold_counts: Option<i32>,
+}
+
+impl DriveLine {
+    /// Allocates its list of steps.
+    pub(super) fn new(index: usize, node: Node, drive: &DriveConfig, slot: Slot, real_time: &RealTime) -> Self {
+        Self {
+            index,
+            node,
+            feedback: DriveFeedback { stamp: Stamp::NEVER, ..DriveFeedback::default() },
+            command_in_flight: None,
+            mode: drive.mode,
+            slot,
+            max_torque_permille: i16::try_from(drive.max_torque_permille).unwrap_or(i16::MAX),
+            steps: setup::steps(drive, node, real_time.period, real_time.trigger),
+            silence_limit: Span(drive.heartbeat.0.saturating_mul(HEARTBEATS_MISSED)),
+            phase: Phase::Reset,
+            state: State::NotReady,
+            heard: Stamp::NEVER,
+            held_back: true,
+            goal: DriveGoal::Disabled,
+            enabled_commands: 0,
+            reset_commands: 0,
+            hold_counts: None,
+        }
+    }
+
+    /// True while its process data flow.
+    pub(super) fn is_operating(&self) -> bool {
+        self.phase == Phase::Operating
+    }
+
+    /// A heartbeat or boot-up. True if the drive restarted by itself.
+    pub(super) fn on_heartbeat(&mut self, nmt: NmtState, stamp: Stamp) -> bool {
+        self.heard = stamp;
+        match (self.phase, nmt) {
+            (Phase::Reset, _) => {}
+            (Phase::AwaitBoot { .. }, NmtState::BootUp) => self.configure(),
+            (Phase::Configure { step: 0, .. }, NmtState::BootUp) => {}
+            (_, NmtState::BootUp) => {
+                self.configure();
+                self.feedback.error_code = SetupFault::Rebooted as u16;
+                return true;
+            }
+            (Phase::Operating, NmtState::Stopped | NmtState::PreOperational) => {
+                self.fail(stamp, SetupFault::LeftOperational);
+            }
+            _ => {}
+        }
+        false
+    }
+
+    /// An answer of its object server.
+    pub(super) fn on_sdo(&mut self, reply: &SdoReply, stamp: Stamp) {
+        let Phase::Configure { step, asked: Some(_), .. } = self.phase else { return };
+        let Some(current) = self.steps.get(step) else { return };
+        if current.address() != reply.address() {
+            return;
+        }
+        match current.judge(reply) {
+            Ok(()) if step + 1 == self.steps.len() => self.phase = Phase::Start,
+            Ok(()) => self.phase = Phase::Configure { step: step + 1, asked: None, tries: 0 },
+            Err(fault) => self.fail(stamp, fault),
+        }
+    }
+
+    /// Process data; `sampled` is when the drive read its encoder.
+    pub(super) fn on_answer(&mut self, answer: &Answer, sampled: Stamp) {
+        if matches!(self.phase, Phase::AwaitAnswer { .. }) {
+            self.phase = Phase::Operating;
+            if self.feedback.error_code < FIRST_CODE_OF_DRIVES {
+                self.feedback.error_code = 0;
+            }
+        }
+        if self.phase != Phase::Operating {
+            return;
+        }
+        let before = self.state;
+        self.state = State::from_statusword(answer.statusword).unwrap_or(State::NotReady);
+        let fell = before == State::Enabled && self.state != State::Enabled && self.goal == DriveGoal::Enabled;
+        if fell || matches!(self.state, State::Fault | State::FaultReaction) {
+            self.held_back = true;
+        } else if matches!(before, State::Fault) {
+            self.feedback.error_code = 0;
+        }
+        self.feedback.stamp = sampled;
+        self.feedback.state = self.state.as_message();
+        self.feedback.statusword = answer.statusword;
+        self.feedback.position_counts = answer.position_counts;
+        self.feedback.torque_permille = answer.torque_permille.unwrap_or(0);
+    }
+
+    /// An emergency, or its end.
+    pub(super) fn on_emergency(&mut self, emergency: &Emergency) {
+        self.feedback.error_code = emergency.code;
+        if emergency.code != 0 {
+            self.held_back = true;
+        }
+    }
+
+    /// The bus is dead: everything known of the drive is void.
+    pub(super) fn on_stall(&mut self) {
+        self.phase = Phase::Reset;
+        self.give_up(SetupFault::BusStalled);
+    }
+
+    /// Deadlines.
+    pub(super) fn supervise(&mut self, now: Stamp) {
+        match self.phase {
+            Phase::AwaitBoot { deadline } if now > deadline => self.fail(now, SetupFault::NoBootUp),
+            Phase::Configure { step, asked: Some(at), tries } if now.since(at) > SDO_TIMEOUT => {
+                if tries + 1 >= SDO_TRIES {
+                    self.fail(now, SetupFault::NoAnswer);
+                } else {
+                    self.phase = Phase::Configure { step, asked: None, tries: tries + 1 };
+                }
+            }
+            Phase::AwaitAnswer { deadline } if now > deadline => self.fail(now, SetupFault::NotOperational),
+            Phase::Operating if now.since(self.heard) > self.silence_limit => {
+                self.fail(now, SetupFault::HeartbeatLost);
+            }
+            Phase::Failed { until } if now > until => self.phase = Phase::Reset,
+            _ => {}
+        }
+    }
+
+    /// The next frame of its set-up, if one is due in this phase of the round.
+    pub(super) fn setup_frame(&mut self, now: Stamp, phase: u32) -> Option<CanFrame> {
+        match self.phase {
+            Phase::Reset => {
+                self.phase = Phase::AwaitBoot { deadline: now + BOOT_TIMEOUT };
+                Some(Message::Nmt(NmtCommand::ResetNode, Some(self.node)).emit())
+            }
+            Phase::Configure { step, asked: None, tries } => {
+                let request = match *self.steps.get(step)? {
+                    Step::Read(address, _) => SdoRequest::Read(address),
+                    Step::Write(address, value) | Step::WriteIfPresent(address, value) => {
+                        SdoRequest::Write(address, value)
+                    }
+                };
+                self.phase = Phase::Configure { step, asked: Some(now), tries };
+                Some(Message::SdoRequest(self.node, request).emit())
+            }
+            Phase::Start if phase % self.slot.divisor == self.slot.start => {
+                self.phase = Phase::AwaitAnswer { deadline: now + ANSWER_TIMEOUT };
+                self.state = State::NotReady;
+                self.command_in_flight = None;
+                Some(Message::Nmt(NmtCommand::Start, Some(self.node)).emit())
+            }
+            _ => None,
+        }
+    }
+
+    /// True if a command should go out in this phase of the round: its turn, or the goal drops.
+    pub(super) fn wants_command(&self, phase: u32, command: &DriveCommand) -> bool {
+        let turn = phase % self.slot.divisor == self.slot.command;
+        self.is_operating() && (turn || command.goal < self.goal)
+    }
+
+    /// The command, one step of the power state machine at a time.
+    pub(super) fn command(&mut self, now: Stamp, command: &DriveCommand) -> PdoData {
+        self.goal = command.goal;
+        if command.goal != DriveGoal::Enabled {
+            self.held_back = false;
+        }
+        self.command_in_flight = Some(now);
+        let controlword = self.controlword();
+        let follows = self.follows_commands();
+        match self.mode {
+            DriveMode::CyclicTorque => {
+                let limit = self.max_torque_permille.max(0);
+                let torque = if follows { command.torque_permille.clamp(-limit, limit) } else { 0 };
+                pdo::torque_command(controlword, torque)
+            }
+            DriveMode::CyclicPosition => pdo::position_command(controlword, self.target_position(follows, command)),
+        }
+    }
+
+    /// Zero torque and voltage off, whatever the state.
+    pub(super) fn stop_command(&self) -> PdoData {
+        match self.mode {
+            DriveMode::CyclicTorque => pdo::torque_command(cia402::DISABLE_VOLTAGE, 0),
+            DriveMode::CyclicPosition => pdo::position_command(cia402::DISABLE_VOLTAGE, 0),
+        }
+    }
+
+    fn controlword(&mut self) -> u16 {
+        if self.held_back {
+            return cia402::DISABLE_VOLTAGE;
+        }
+        if self.state != State::Fault || self.goal == DriveGoal::Disabled {
+            self.reset_commands = 0;
+            return self.state.controlword_towards(self.goal);
+        }
+        let high = (self.reset_commands / RESET_HOLD) % 2 == 1;
+        self.reset_commands = self.reset_commands.wrapping_add(1);
+        if high { cia402::FAULT_RESET } else { cia402::DISABLE_VOLTAGE }
+    }
+
+    /// Counts the commands since it is enabled; the first ones carry no torque.
+    fn follows_commands(&mut self) -> bool {
+        if self.state != State::Enabled || self.goal != DriveGoal::Enabled || self.held_back {
+            self.enabled_commands = 0;
+            return false;
+        }
+        let follows = self.enabled_commands >= ZERO_COMMANDS;
+        self.enabled_commands = self.enabled_commands.saturating_add(1);
+        follows
+    }
+
+    /// Where it is while it does not follow; where it was when the hold began; else as told.
+    fn target_position(&mut self, follows: bool, command: &DriveCommand) -> i32 {
+        let here = self.feedback.position_counts;
+        if !follows {
+            self.hold_counts = Some(here);
+            here
+        } else if command.hold {
+            *self.hold_counts.get_or_insert(here)
+        } else {
+            self.hold_counts = None;
+            command.position_counts
+        }
+    }
+
+    fn configure(&mut self) {
+        self.held_back = true;
+        self.phase = CONFIGURE;
+        self.state = State::NotReady;
+        self.command_in_flight = None;
+        self.feedback.state = DriveState::Configuring;
+        self.feedback.error_code = 0;
+    }
+
+    fn fail(&mut self, now: Stamp, fault: SetupFault) {
+        self.phase = Phase::Failed { until: now + RETRY };
+        self.give_up(fault);
+    }
+
+    fn give_up(&mut self, fault: SetupFault) {
+        self.held_back = true;
+        self.state = State::NotReady;
+        self.command_in_flight = None;
+        self.feedback.state = DriveState::Lost;
+        self.feedback.error_code = fault as u16;
+    }
+}

@@ -1,0 +1,355 @@
+//! The CANopen master of one bus: sets its drives up, keeps them in step, and never leaves an old command behind.
+//!
+//! Each cycle: [`Line::receive`] what came, then [`Line::transmit`] what shall go: at most one set-up frame, our
+//! heartbeat, the commands whose turn it is, and SYNC, which makes them act and takes the next sample.
+//!
+//! **Nothing stale on the wire.** A command goes out only when the one before is known to have left: by its echo, by
+//! the echo of a SYNC sent after it, or by an answer that only it can have caused. So at most one command per drive
+//! can sit in a kernel or adapter whose peer is gone. If nothing proves departure for the echo timeout the bus is
+//! *stalled*: no more commands; a probe (NMT reset of all nodes, harmless whenever it is delivered) until one is
+//! echoed; then the whole start-up from reset. Emptying the kernel's queue is the I/O thread's part.
+//!
+//! RT: yes; `new` allocates.
+
+mod drive;
+mod setup;
+
+use super::budget;
+use super::canopen::{Message, NmtCommand, NmtState, Node};
+use super::pdo::Answer;
+use crate::base::time::{Span, Stamp};
+use crate::config::checked::{RealTime, Robot, Trigger};
+use crate::msg::{BusFrame, BusHealth, CanFrame, DRIVES, DriveCommand, DriveCommands, DriveFeedbacks, FrameBatch};
+use drive::DriveLine;
+pub(super) use drive::Slot;
+pub use setup::SetupFault;
+
+/// The frame that is the clock of the bus.
+pub const SYNC_FRAME: CanFrame = CanFrame { id: 0x080, len: 0, data: [0; 8] };
+/// A probe that is not echoed is repeated after this.
+const PROBE_EVERY: Span = Span::from_ms(100);
+/// Shortest time from sending a command and SYNC to the answer: 79 + 47 + 95 bits without stuffing at 1 Mbit/s.
+const FASTEST_ANSWER: Span = Span::from_us(221);
+
+/// Why a bus cannot be run as configured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LineError {
+    /// A node number outside 1 to 126 (127 is ours).
+    #[error("drive {drive}: node {node} is not in 1..=126")]
+    Node {
+        /// Index of the drive.
+        drive: usize,
+        /// Its node.
+        node: u8,
+    },
+    /// Two drives of a bus with one node number.
+    #[error("bus {bus}: node {node} is used twice")]
+    Twice {
+        /// The bus.
+        bus: usize,
+        /// The node.
+        node: u8,
+    },
+    /// A SYNC divisor that is not 1 and not the bus's largest.
+    #[error("drive {drive}: sync divisor {divisor} must be 1 or the largest of its bus, {largest}")]
+    Divisor {
+        /// Index of the drive.
+        drive: usize,
+        /// Its divisor.
+        divisor: u8,
+        /// The largest of the bus.
+        largest: u8,
+    },
+}
+
+/// What happened on the bus since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LineCounters {
+    /// Frames that are no CANopen, or of nodes that are not ours.
+    pub foreign: u32,
+    /// Emergencies with a code.
+    pub emergencies: u32,
+    /// Boot-ups in operation.
+    pub reboots: u32,
+    /// Commands withheld because the one before was not yet proved to have left.
+    pub withheld: u32,
+    /// Times that the bus stalled.
+    pub stalls: u32,
+}
+
+/// The bus gives no sign that frames leave.
+#[derive(Clone, Copy, Debug)]
+struct Stall {
+    /// When the probe went out.
+    probe: Option<Stamp>,
+    /// The controller itself says that nothing can be sent: no use probing.
+    link_dead: bool,
+}
+
+/// The master of one bus.
+#[derive(Debug)]
+pub struct Line {
+    bus: usize,
+    round: u32,
+    cycle: u32,
+    sync_by_us: bool,
+    echo_timeout: Span,
+    heartbeat_every: Span,
+    heartbeat_sent: Stamp,
+    sync_in_flight: Option<Stamp>,
+    sync_seen: Stamp,
+    stall: Option<Stall>,
+    next_setup: usize,
+    drives: [Option<DriveLine>; DRIVES],
+    counters: LineCounters,
+}
+
+impl Line {
+    /// The master of bus number `bus`, with all its drives still unknown. Allocates; nothing else does.
+    ///
+    /// # Errors
+    /// [`LineError`] if nodes or divisors do not go together.
+    pub fn new(robot: &Robot, bus: usize, real_time: &RealTime) -> Result<Self, LineError> {
+        let plan = budget::Plan::new(robot, bus)?;
+        let mut drives = [const { None }; DRIVES];
+        let mut watchdog = Span(i64::MAX);
+        for (index, (slot, config)) in drives.iter_mut().zip(&robot.drives).enumerate() {
+            if let (Some(at), Some(node)) = (plan.slot(index), Node::new(config.node)) {
+                *slot = Some(DriveLine::new(index, node, config, at, real_time));
+                watchdog = watchdog.min(config.watchdog);
+            }
+        }
+        Ok(Self {
+            bus,
+            round: plan.round,
+            cycle: 0,
+            sync_by_us: real_time.trigger == Trigger::Timer,
+            echo_timeout: robot.buses.get(bus).map_or(Span::from_ms(20), |b| b.echo_timeout),
+            heartbeat_every: Span(watchdog.0 / 4),
+            heartbeat_sent: Stamp::NEVER,
+            sync_in_flight: None,
+            sync_seen: Stamp::NEVER,
+            stall: None,
+            next_setup: 0,
+            drives,
+            counters: LineCounters::default(),
+        })
+    }
+
+    /// Reads what came since the last cycle and tells what the drives of this bus say.
+    pub fn receive(&mut self, now: Stamp, frames: &FrameBatch, health: BusHealth, feedbacks: &mut DriveFeedbacks) {
+        for frame in frames.as_slice() {
+            self.take(frame);
+        }
+        self.supervise(now, health);
+        for drive in self.drives.iter().flatten() {
+            if let Some(feedback) = feedbacks.drives.get_mut(drive.index) {
+                *feedback = drive.feedback;
+            }
+        }
+        if let Some(slot) = feedbacks.health.get_mut(self.bus) {
+            *slot = self.health(health);
+        }
+    }
+
+    /// Chooses the frames of this cycle.
+    pub fn transmit(&mut self, now: Stamp, commands: &DriveCommands, out: &mut FrameBatch) {
+        if self.stall.is_some() {
+            self.probe(now, out);
+            return;
+        }
+        let phase = self.cycle % self.round;
+        self.put_setup(now, phase, out);
+        self.put_heartbeat(now, phase, out);
+        self.put_commands(now, phase, commands, out);
+        self.put_sync(now, out);
+    }
+
+    /// Zero torque and voltage off for every node, and the SYNC that makes it act. The frames never change, so they
+    /// can be taken once and kept for a panic hook.
+    pub fn stop_frames(&self, out: &mut FrameBatch) {
+        for drive in self.drives.iter().flatten() {
+            let pdo = drive.stop_command();
+            out.push(BusFrame { stamp: Stamp::default(), frame: Message::Rpdo(1, drive.node, pdo).emit() });
+        }
+        out.push(BusFrame { stamp: Stamp::default(), frame: SYNC_FRAME });
+    }
+
+    /// What happened since the start.
+    #[must_use]
+    pub const fn counters(&self) -> &LineCounters {
+        &self.counters
+    }
+
+    fn health(&self, reported: BusHealth) -> BusHealth {
+        match reported {
+            BusHealth::Active | BusHealth::Passive if self.stall.is_some() => BusHealth::Stalled,
+            other => other,
+        }
+    }
+
+    fn take(&mut self, received: &BusFrame) {
+        let stamp = received.stamp;
+        match Message::parse(&received.frame) {
+            Ok(Message::Sync(_)) => self.on_sync_echo(stamp),
+            Ok(Message::Rpdo(_, node, _)) => self.on_command_echo(node),
+            Ok(Message::Nmt(..)) => self.on_probe_echo(),
+            Ok(Message::SdoRequest(..) | Message::Heartbeat(Node::MASTER, _)) => {}
+            Ok(Message::Tpdo(1, node, pdo)) => match (Answer::parse(&pdo), self.drive(node)) {
+                (Some(answer), Some(drive)) => self.on_answer(drive, &answer, stamp),
+                _ => self.count_foreign(),
+            },
+            Ok(Message::SdoReply(node, reply)) => self.with(node, |drive, _| drive.on_sdo(&reply, stamp)),
+            Ok(Message::Heartbeat(node, state)) => self.with(node, |drive, counters| {
+                counters.reboots += u32::from(drive.on_heartbeat(state, stamp));
+            }),
+            Ok(Message::Emergency(node, emergency)) => self.with(node, |drive, counters| {
+                counters.emergencies += u32::from(emergency.code != 0);
+                drive.on_emergency(&emergency);
+            }),
+            Ok(Message::Tpdo(..)) | Err(_) => self.count_foreign(),
+        }
+    }
+
+    fn drive(&self, node: Node) -> Option<usize> {
+        self.drives.iter().flatten().find(|d| d.node == node).map(|d| d.index)
+    }
+
+    fn with(&mut self, node: Node, act: impl FnOnce(&mut DriveLine, &mut LineCounters)) {
+        match self.drives.iter_mut().flatten().find(|d| d.node == node) {
+            Some(drive) => act(drive, &mut self.counters),
+            None => self.count_foreign(),
+        }
+    }
+
+    fn count_foreign(&mut self) {
+        self.counters.foreign = self.counters.foreign.saturating_add(1);
+    }
+
+    fn on_command_echo(&mut self, node: Node) {
+        self.with(node, |drive, _| drive.command_in_flight = None);
+    }
+
+    /// A queue keeps its order: what was sent before this SYNC has left too.
+    fn on_sync_echo(&mut self, stamp: Stamp) {
+        self.sync_seen = stamp;
+        if let Some(sent) = self.sync_in_flight.take() {
+            self.prove_departure(sent);
+        }
+    }
+
+    fn prove_departure(&mut self, until: Stamp) {
+        for drive in self.drives.iter_mut().flatten() {
+            if drive.command_in_flight.is_some_and(|at| at <= until) {
+                drive.command_in_flight = None;
+            }
+        }
+    }
+
+    fn on_probe_echo(&mut self) {
+        if self.stall.is_some_and(|s| s.probe.is_some()) {
+            self.stall = None;
+            self.sync_in_flight = None;
+        }
+    }
+
+    fn on_answer(&mut self, index: usize, answer: &Answer, stamp: Stamp) {
+        // Without echoes (some adapters give none) an answer proves that the SYNC before it left.
+        if let Some(sent) = self.sync_in_flight.filter(|sent| stamp.since(*sent) >= FASTEST_ANSWER) {
+            self.sync_in_flight = None;
+            self.prove_departure(sent);
+        }
+        let sampled = if self.sync_seen <= stamp && self.sync_seen != Stamp::NEVER { self.sync_seen } else { stamp };
+        if let Some(drive) = self.drives.get_mut(index).and_then(Option::as_mut) {
+            drive.on_answer(answer, sampled);
+        }
+    }
+
+    fn supervise(&mut self, now: Stamp, health: BusHealth) {
+        for drive in self.drives.iter_mut().flatten() {
+            drive.supervise(now);
+        }
+        let link_dead = matches!(health, BusHealth::Off | BusHealth::Down);
+        let dead = link_dead || health == BusHealth::Stalled;
+        let overdue = self.is_overdue(now);
+        match &mut self.stall {
+            None if dead || overdue => {
+                self.counters.stalls += 1;
+                self.stall = Some(Stall { probe: None, link_dead });
+                self.drives.iter_mut().flatten().for_each(DriveLine::on_stall);
+            }
+            None => {}
+            Some(stall) => {
+                stall.link_dead = link_dead;
+                // A probe that was on its way when the link died is lost.
+                stall.probe = stall.probe.filter(|_| !link_dead);
+            }
+        }
+    }
+
+    fn is_overdue(&self, now: Stamp) -> bool {
+        let oldest = self.drives.iter().flatten().filter_map(|d| d.command_in_flight).chain(self.sync_in_flight).min();
+        oldest.is_some_and(|sent| now.since(sent) > self.echo_timeout)
+    }
+
+    fn probe(&mut self, now: Stamp, out: &mut FrameBatch) {
+        let Some(stall) = &mut self.stall else { return };
+        if !stall.link_dead && stall.probe.is_none_or(|sent| now.since(sent) > PROBE_EVERY) {
+            stall.probe = Some(now);
+            out.push(BusFrame { stamp: now, frame: Message::Nmt(NmtCommand::ResetNode, None).emit() });
+        }
+    }
+
+    /// One set-up frame, the drives taking turns; not in the phase in which the slow drives answer.
+    fn put_setup(&mut self, now: Stamp, phase: u32, out: &mut FrameBatch) {
+        if self.round > 1 && phase == 0 {
+            return;
+        }
+        for k in 0..DRIVES {
+            let index = (self.next_setup + k) % DRIVES;
+            let drive = self.drives.get_mut(index).and_then(Option::as_mut);
+            if let Some(frame) = drive.and_then(|d| d.setup_frame(now, phase)) {
+                self.next_setup = index + 1;
+                out.push(BusFrame { stamp: now, frame });
+                return;
+            }
+        }
+    }
+
+    fn put_heartbeat(&mut self, now: Stamp, phase: u32, out: &mut FrameBatch) {
+        if phase + 1 == self.round && now.since(self.heartbeat_sent) >= self.heartbeat_every {
+            self.heartbeat_sent = now;
+            let frame = Message::Heartbeat(Node::MASTER, NmtState::Operational).emit();
+            out.push(BusFrame { stamp: now, frame });
+        }
+    }
+
+    fn put_commands(&mut self, now: Stamp, phase: u32, commands: &DriveCommands, out: &mut FrameBatch) {
+        for drive in self.drives.iter_mut().flatten() {
+            let command = commands.drives.get(drive.index).copied().unwrap_or(DriveCommand::default());
+            if !drive.wants_command(phase, &command) {
+                continue;
+            }
+            if drive.command_in_flight.is_some() {
+                self.counters.withheld = self.counters.withheld.saturating_add(1);
+                continue;
+            }
+            let pdo = drive.command(now, &command);
+            out.push(BusFrame { stamp: now, frame: Message::Rpdo(1, drive.node, pdo).emit() });
+        }
+    }
+
+    /// The round advances with the SYNCs that go out, because the drives count those.
+    fn put_sync(&mut self, now: Stamp, out: &mut FrameBatch) {
+        if !self.sync_by_us {
+            self.cycle = self.cycle.wrapping_add(1);
+        } else if self.sync_in_flight.is_none() {
+            self.cycle = self.cycle.wrapping_add(1);
+            self.sync_in_flight = Some(now);
+            out.push(BusFrame { stamp: now, frame: SYNC_FRAME });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
