@@ -3,5 +3,6 @@
 //! RT: all of it, but `riccati` (before arming only).
 
 pub mod linalg;
+pub mod riccati;
 pub mod scalar;
 pub mod time;

@@ -12,6 +12,7 @@
 //! | [`impact`] | touchdown: inelastic, restitution, Coulomb cone; exchange of legs |
 //! | [`elastic`] | harmonic drive with a spring: six states |
 //! | [`toe`] | lead screw with a preloaded one-sided spring |
+//! | [`linear`] | Jacobians by dual numbers |
 //! | [`si`] | the same in Nm, J, N and m |
 //!
 //! Cannot do: legs of changing length (a retracted toe moves 20 mm of a light part), three dimensions, knees.
@@ -22,6 +23,7 @@ pub mod elastic;
 pub mod floating;
 pub mod impact;
 pub mod kinematics;
+pub mod linear;
 pub mod params;
 pub mod si;
 pub mod toe;
