@@ -48,5 +48,6 @@ pub mod identify;
 pub mod latency;
 pub mod model;
 pub mod msg;
+pub mod record;
 pub mod report;
 pub mod sim;

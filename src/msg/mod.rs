@@ -23,8 +23,8 @@ pub use sensor::{
     BusFrame, BusHealth, CanFrame, DriveFeedback, DriveFeedbacks, DriveState, FrameBatch, ImuBatch, ImuSample,
     MAX_FRAMES, MAX_IMU, OperatorSample,
 };
-pub use status::{Mode, Status};
-pub use tick::{TickInput, TickOutput, TickRecord};
+pub use status::{Mode, RecorderState, RecorderStatus, Status};
+pub use tick::{TickHead, TickInput, TickOutput, TickRecord};
 
 /// Number of CAN buses of the robot.
 pub const BUSES: usize = 2;

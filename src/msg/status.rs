@@ -2,7 +2,7 @@
 
 use super::Fault;
 use super::reflect::{message, wire_enum};
-use crate::base::time::Span;
+use crate::base::time::{Span, Stamp};
 use iceoryx2::prelude::ZeroCopySend;
 
 wire_enum! {
@@ -42,5 +42,43 @@ message! {
         pub wake_latency: Span,
         /// How long the previous tick's step took.
         pub step_time: Span,
+    }
+}
+
+wire_enum! {
+    /// What the recorder is doing.
+    pub enum RecorderState {
+        /// Not asked to record.
+        Off = 0,
+        /// Writing.
+        Recording = 1,
+        /// No room on the disk: ticks are lost and counted, tried again later.
+        DiskFull = 2,
+        /// The disk fails otherwise: ticks are lost and counted, tried again later.
+        DiskError = 3,
+        /// Closed.
+        Finished = 4,
+    }
+}
+
+message! {
+    /// How the recording is.
+    pub struct RecorderStatus {
+        /// Time of the newest tick that it saw.
+        pub stamp: Stamp,
+        /// What it is doing.
+        pub state: RecorderState,
+        /// Ticks that are safely on the disk.
+        pub written: u64,
+        /// Ticks lost: queue full, or the disk did not take them.
+        pub dropped: u64,
+        /// Most ticks that ever waited in the queue.
+        pub queue_peak: u32,
+        /// Files begun; more than one after trouble with the disk.
+        pub files: u32,
+        /// Bytes of the present file that are safely on the disk.
+        pub bytes: u64,
+        /// How long the last flush to the disk took.
+        pub flush_time: Span,
     }
 }

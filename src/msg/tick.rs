@@ -38,6 +38,40 @@ message! {
 }
 
 message! {
+    /// A tick's head in a recording: [`TickInput`] without its batches, which travel frame by frame, and their counts.
+    pub struct TickHead {
+        /// Number of the tick since start.
+        pub index: u64,
+        /// Its time: the planned wake-up.
+        pub now: Stamp,
+        /// How late the thread woke up.
+        pub wake_latency: Span,
+        /// How long the previous step took.
+        pub step_time: Span,
+        /// Periods skipped just before this tick.
+        pub skipped: u32,
+        /// What real time needs and was not granted, as bits.
+        pub real_time_missing: u32,
+        /// Shut-down was asked for.
+        pub stop_requested: bool,
+        /// Health of each bus.
+        pub bus_health: [BusHealth; BUSES],
+        /// Frames received, by bus.
+        pub received: [u8; BUSES],
+        /// Received frames lost since start, by bus.
+        pub received_dropped: [u32; BUSES],
+        /// Frames to send, by bus.
+        pub sent: [u8; BUSES],
+        /// Frames to send that had no room, since start, by bus.
+        pub sent_dropped: [u32; BUSES],
+        /// IMU samples.
+        pub imu: u8,
+        /// IMU messages lost since start.
+        pub imu_dropped: u32,
+    }
+}
+
+message! {
     /// What a tick does to the world.
     pub struct TickOutput {
         /// Frames to send, in order.

@@ -1,0 +1,15 @@
+//! L4: recordings. MCAP files that Foxglove and PlotJuggler read, and that replay to the bit. RT: no.
+//!
+//! - [`stream`]: a tick as messages and back; [`cdr`], [`schema`]: their bytes and descriptions.
+//! - [`recorder`]: queue and writer thread; [`log_file`]: one file; [`storage`]: the disk, replaceable in tests.
+//! - [`scan`]: records of a file, also of a torn one; [`reader`]: ticks again.
+//! - [`replay`]: the same inputs through the tick once more, compared bit by bit; [`inspect`]: what is in a file.
+
+pub mod cdr;
+pub mod log_file;
+pub mod recorder;
+pub mod schema;
+pub mod storage;
+pub mod stream;
+
+pub use recorder::{RecordError, Recorder};
