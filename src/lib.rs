@@ -50,4 +50,5 @@ pub mod model;
 pub mod msg;
 pub mod record;
 pub mod report;
+pub mod safety;
 pub mod sim;

@@ -77,3 +77,6 @@ fn toes(drives: &DriveFeedbacks) -> [&DriveFeedback; TOES] {
     let [_hip, inner_a, inner_b, outer_a, outer_b] = &drives.drives;
     [inner_a, inner_b, outer_a, outer_b]
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,138 @@
+//! What is wrong in this tick: looks at everything, changes nothing. RT: yes.
+//!
+//! The order below is the order of blame: the first finding is the one that is latched.
+
+use super::{Facts, Rules};
+use crate::base::time::{Span, Stamp};
+use crate::msg::{BusHealth, DriveFeedback, DriveState, Element, Fault, FaultCode, Mode, Value};
+use std::f64::consts::PI;
+
+/// Faults found in a tick: all as bits, the first with its values.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Findings {
+    now: Stamp,
+    first: Option<Fault>,
+    bits: u64,
+}
+
+impl Findings {
+    fn note(&mut self, wrong: bool, code: FaultCode, index: usize, value: f64) {
+        if wrong {
+            let index = u8::try_from(index).unwrap_or(u8::MAX);
+            self.first.get_or_insert(Fault { code, index, stamp: self.now, value });
+            self.bits |= 1 << code as u8;
+        }
+    }
+
+    /// The first in the order of blame.
+    pub(super) const fn first(&self) -> Option<Fault> {
+        self.first
+    }
+
+    /// Bit i is fault code i.
+    pub(super) const fn bits(&self) -> u64 {
+        self.bits
+    }
+
+    /// True if this was found.
+    pub(super) const fn has(&self, code: FaultCode) -> bool {
+        self.bits & (1 << code as u8) != 0
+    }
+}
+
+/// Young enough, and not from the future: a stamp ahead of us would never grow old.
+pub(super) fn fresh(age: Span, limit: Span) -> bool {
+    -limit.0 <= age.0 && age <= limit
+}
+
+/// Looks at everything. `skipped` are the periods skipped within the last second.
+pub(super) fn examine(rules: &Rules, facts: &Facts<'_>, mode: Mode, since: Stamp, skipped: u32) -> Findings {
+    let mut found = Findings { now: facts.input.now, first: None, bits: 0 };
+    found.note(facts.input.stop_requested, FaultCode::Stopping, 0, 0.0);
+    numbers(&mut found, facts);
+    buses(&mut found, facts);
+    drives(&mut found, rules, facts, mode, since);
+    sensors(&mut found, rules, facts);
+    posture(&mut found, rules, facts, mode);
+    demand(&mut found, rules, facts, mode);
+    let missing = facts.input.real_time_missing;
+    found.note(missing != 0, FaultCode::NotRealTime, 0, f64::from(missing));
+    found.note(skipped > rules.limits.overruns_per_s, FaultCode::Overrun, 0, f64::from(skipped));
+    found
+}
+
+fn numbers(found: &mut Findings, facts: &Facts<'_>) {
+    let finite = [all_finite(facts.snapshot), all_finite(facts.estimate), all_finite(facts.wanted)];
+    for (index, finite) in finite.into_iter().enumerate() {
+        found.note(!finite, FaultCode::NotFinite, index, 0.0);
+    }
+}
+
+/// True if every number in the message is finite.
+fn all_finite(message: &impl Element) -> bool {
+    let mut finite = true;
+    message.put(&mut |leaf| finite &= !matches!(leaf, Value::F64(x) if !x.is_finite()));
+    finite
+}
+
+fn buses(found: &mut Findings, facts: &Facts<'_>) {
+    for (index, (seen, told)) in facts.input.bus_health.iter().zip(&facts.feedback.health).enumerate() {
+        let worst = *seen.max(told);
+        let dead = matches!(worst, BusHealth::Off | BusHealth::Stalled | BusHealth::Down);
+        found.note(dead, FaultCode::BusUnhealthy, index, f64::from(worst as u8));
+    }
+}
+
+fn drives(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, mode: Mode, since: Stamp) {
+    let timed_out = facts.input.now.since(since) > rules.limits.enable_timeout;
+    for (index, (drive, limit)) in facts.feedback.drives.iter().zip(&rules.drive_age).enumerate() {
+        let broken = drive.state == DriveState::Fault || drive.error_code != 0;
+        found.note(broken, FaultCode::DriveFault, index, f64::from(drive.error_code));
+        let astray = !in_place(drive, mode, timed_out);
+        found.note(astray, FaultCode::DriveNotEnabled, index, f64::from(drive.state as u8));
+        let age = if drive.stamp == Stamp::NEVER { Span(i64::MAX) } else { facts.input.now.since(drive.stamp) };
+        found.note(!fresh(age, *limit), FaultCode::DriveStale, index, age.as_s() * 1e3);
+    }
+}
+
+/// The drive is where this mode needs it.
+fn in_place(drive: &DriveFeedback, mode: Mode, timed_out: bool) -> bool {
+    let waiting = matches!(drive.state, DriveState::Ready | DriveState::SwitchedOn);
+    let enabled = drive.state == DriveState::Enabled;
+    match mode {
+        Mode::Armed => enabled,
+        Mode::Arming => enabled || (!timed_out && (waiting || drive.state == DriveState::SwitchOnDisabled)),
+        Mode::Starting | Mode::Disarmed | Mode::Faulted => waiting,
+    }
+}
+
+fn sensors(found: &mut Findings, rules: &Rules, facts: &Facts<'_>) {
+    let (seen, limits) = (facts.snapshot, &rules.limits);
+    found.note(!fresh(seen.imu_age, limits.imu_age), FaultCode::ImuStale, 0, seen.imu_age.as_s() * 1e3);
+    let silent = !fresh(seen.operator_age, limits.operator_age);
+    found.note(silent, FaultCode::OperatorStale, 0, seen.operator_age.as_s() * 1e3);
+    for (index, angle) in [seen.leg_angle_rad, seen.hip_angle_rad].into_iter().enumerate() {
+        found.note(angle.abs() > PI, FaultCode::OutOfRange, index, angle);
+    }
+}
+
+fn posture(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, mode: Mode) {
+    let (state, limits) = (facts.estimate, &rules.limits);
+    let active = matches!(mode, Mode::Arming | Mode::Armed);
+    let tilt_rad = if active { limits.tilt_rad } else { limits.arm_tilt_rad };
+    let (stance, swing) = (state.theta_stance_rad, state.theta_swing_rad);
+    found.note(stance.abs() > tilt_rad, FaultCode::TiltLimit, 0, stance);
+    found.note(swing.abs() > limits.swing_rad, FaultCode::TiltLimit, 1, swing);
+    for (index, rate) in [state.theta_stance_rad_s, state.theta_swing_rad_s].into_iter().enumerate() {
+        found.note(rate.abs() > limits.rate_rad_s, FaultCode::RateLimit, index, rate);
+    }
+    let innovation = state.innovation_stance_rad.abs().max(state.innovation_swing_rad.abs());
+    let lost = !state.valid || innovation > limits.innovation_rad;
+    found.note(lost, FaultCode::EstimateLost, 0, innovation);
+}
+
+fn demand(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, mode: Mode) {
+    let torque_nm = facts.wanted.hip_torque_nm;
+    let absurd = torque_nm.abs() > rules.limits.demand_factor * rules.limits.hip_torque_nm;
+    found.note(absurd && mode == Mode::Armed, FaultCode::TorqueDemand, 0, torque_nm);
+}

@@ -1,0 +1,237 @@
+//! L3: the guard at the door between controller and motors. RT: yes, no allocation, bounded.
+//!
+//! Each tick it first looks (`health`: what is wrong? no side effects), then decides the mode (`mode`), then lets
+//! torque through (`limits`). What it promises, for any input whatever:
+//! - the torque is finite and within its limit, and zero unless the mode is `Armed`;
+//! - a fault, a stale source, a number that is not finite or the released dead-man gives zero torque in the same tick;
+//! - it arms only on a press that follows a release, both seen fresh, with nothing in the way;
+//! - the first fault is kept until the robot is armed again.
+
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::disallowed_methods,
+        clippy::disallowed_types,
+        clippy::disallowed_macros,
+        clippy::expect_used,
+        clippy::indexing_slicing
+    )
+)]
+
+mod deadman;
+mod health;
+mod latch;
+mod lateness;
+mod limits;
+mod mode;
+
+use crate::base::time::{Span, Stamp};
+use crate::config::checked::{Config, Limits};
+use crate::msg::{
+    DRIVES, DriveFeedbacks, DriveGoal, DriveState, Estimate, Fault, FaultCode, JointCommand, Mode, Snapshot, Status,
+    TickInput,
+};
+use deadman::{DeadMan, Hand};
+use latch::Latch;
+use lateness::Lateness;
+use limits::{ToeSlew, TorqueGate};
+use mode::Events;
+
+/// After a fault the drives stay disabled at least this long, so that every drive has seen it (four toe periods).
+const DISABLED_AFTER_FAULT: Span = Span::from_ms(100);
+
+/// Everything that the guard looks at in a tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts<'a> {
+    /// What went into the tick.
+    pub input: &'a TickInput,
+    /// What the drives say.
+    pub feedback: &'a DriveFeedbacks,
+    /// The newest of each sensor.
+    pub snapshot: &'a Snapshot,
+    /// State of the robot.
+    pub estimate: &'a Estimate,
+    /// What the controller wants.
+    pub wanted: &'a JointCommand,
+}
+
+/// What the guard lets through.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Decision {
+    /// Torque and toes that may reach the drives.
+    pub allowed: JointCommand,
+    /// What the drives shall be.
+    pub goal: DriveGoal,
+    /// Mode, faults and counters after this tick.
+    pub status: Status,
+}
+
+/// Limits and timing, constant while running.
+#[derive(Clone, Copy, Debug)]
+struct Rules {
+    limits: Limits,
+    drive_age: [Span; DRIVES],
+    toe_stroke_m: f64,
+    toe_rate_m_s: f64,
+    period: Span,
+}
+
+impl Rules {
+    fn new(config: &Config) -> Self {
+        let limits = config.robot.limits;
+        let period = config.real_time.period;
+        let age = |divisor: u8| Span(limits.drive_age.0.saturating_add(period.0.saturating_mul(i64::from(divisor))));
+        Self {
+            limits,
+            drive_age: config.robot.drives.each_ref().map(|drive| age(drive.sync_divisor)),
+            toe_stroke_m: config.robot.toe.stroke_m,
+            toe_rate_m_s: config.robot.toe.rate_limit_m_s,
+            period,
+        }
+    }
+}
+
+/// Mode machine, latch and limits.
+#[derive(Clone, Debug)]
+pub struct Guard {
+    rules: Rules,
+    mode: Mode,
+    mode_since: Stamp,
+    dead_man: DeadMan,
+    lateness: Lateness,
+    latch: Latch,
+    torque: TorqueGate,
+    toes: ToeSlew,
+    heard: bool,
+    may_get_ready: bool,
+}
+
+impl Guard {
+    /// Boots disarmed.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        Self::with(Rules::new(config))
+    }
+
+    fn with(rules: Rules) -> Self {
+        Self {
+            rules,
+            mode: Mode::Starting,
+            mode_since: Stamp::NEVER,
+            dead_man: DeadMan::default(),
+            lateness: Lateness::new(rules.period),
+            latch: Latch::default(),
+            torque: TorqueGate::new(&rules.limits, rules.period),
+            toes: ToeSlew::new(rules.toe_stroke_m, rules.toe_rate_m_s, rules.period),
+            heard: false,
+            may_get_ready: true,
+        }
+    }
+
+    /// Mode after the last tick.
+    #[must_use]
+    pub const fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Takes note of how punctual this tick is; true while phase-sensitive terms shall be off.
+    pub fn late(&mut self, input: &TickInput) -> bool {
+        self.lateness.observe(input)
+    }
+
+    /// Looks, decides, limits. Call [`Guard::late`] first.
+    pub fn step(&mut self, facts: &Facts<'_>) -> Decision {
+        let now = facts.input.now;
+        let fresh = health::fresh(facts.snapshot.operator_age, self.rules.limits.operator_age);
+        let hand = self.dead_man.update(facts.snapshot.dead_man, fresh);
+        let findings = health::examine(&self.rules, facts, self.mode, self.mode_since, self.lateness.skipped());
+        self.heard |= !findings.has(FaultCode::ImuStale) && !findings.has(FaultCode::DriveStale) && fresh;
+        self.change_mode(now, hand, &findings, facts.feedback);
+        let allowed = self.let_through(facts);
+        self.note_limits(now);
+        Decision { allowed, goal: self.goal(facts.input, hand), status: self.status(facts.input, findings.bits()) }
+    }
+
+    fn change_mode(&mut self, now: Stamp, hand: Hand, findings: &health::Findings, feedback: &DriveFeedbacks) {
+        let fault = findings.first().or_else(|| released(now, hand));
+        let events = Events {
+            heard: self.heard,
+            edge: hand.edge,
+            healthy: findings.first().is_none(),
+            fault: fault.is_some(),
+            enabled: feedback.drives.iter().all(|drive| drive.state == DriveState::Enabled),
+        };
+        let next = mode::next(self.mode, events);
+        if next != self.mode {
+            self.enter(now, next, fault);
+        }
+    }
+
+    fn enter(&mut self, now: Stamp, next: Mode, fault: Option<Fault>) {
+        match (next, fault) {
+            (Mode::Arming, _) => self.latch.clear(),
+            (Mode::Faulted, Some(fault)) => self.latch.set(fault),
+            _ => {}
+        }
+        self.may_get_ready = next != Mode::Faulted;
+        self.mode = next;
+        self.mode_since = now;
+    }
+
+    fn let_through(&mut self, facts: &Facts<'_>) -> JointCommand {
+        let measured = &facts.snapshot.toe_position_m;
+        let (hip_torque_nm, toe_position_m) = if self.mode == Mode::Armed {
+            let ramp = self.ramp(facts.input.now);
+            (self.torque.pass(facts.wanted.hip_torque_nm, ramp), self.toes.follow(&facts.wanted.toe_position_m))
+        } else {
+            (self.torque.close(), self.toes.stay(measured))
+        };
+        JointCommand { stamp: facts.input.now, hip_torque_nm, toe_position_m }
+    }
+
+    /// Share of the torque limit that is open, from 0 at arming to 1.
+    fn ramp(&self, now: Stamp) -> f64 {
+        let ramp_s = self.rules.limits.ramp.as_s();
+        if ramp_s > 0.0 { (now.since(self.mode_since).as_s() / ramp_s).clamp(0.0, 1.0) } else { 1.0 }
+    }
+
+    fn note_limits(&mut self, now: Stamp) {
+        let late = self.lateness.is_late().then_some((FaultCode::Late, f64::from(self.lateness.skipped())));
+        for (code, value) in [late, self.torque.active()].into_iter().flatten() {
+            self.latch.tell(Fault { code, index: 0, stamp: now, value });
+        }
+    }
+
+    fn goal(&mut self, input: &TickInput, hand: Hand) -> DriveGoal {
+        let waited = input.now.since(self.mode_since) >= DISABLED_AFTER_FAULT;
+        self.may_get_ready |= hand.open && waited;
+        match self.mode {
+            _ if input.stop_requested => DriveGoal::Disabled,
+            Mode::Arming | Mode::Armed => DriveGoal::Enabled,
+            Mode::Faulted if !self.may_get_ready => DriveGoal::Disabled,
+            Mode::Starting | Mode::Disarmed | Mode::Faulted => DriveGoal::Ready,
+        }
+    }
+
+    fn status(&self, input: &TickInput, arm_blockers: u64) -> Status {
+        Status {
+            mode: self.mode,
+            first_fault: self.latch.first(),
+            last_fault: self.latch.last(),
+            faults: self.latch.count(),
+            arm_blockers,
+            ticks: input.index.saturating_add(1),
+            overruns: self.lateness.total(),
+            wake_latency: input.wake_latency,
+            step_time: input.step_time,
+        }
+    }
+}
+
+/// The fault of an open hand, told only if nothing else is wrong.
+fn released(now: Stamp, hand: Hand) -> Option<Fault> {
+    (!hand.held).then_some(Fault { code: FaultCode::DeadManReleased, index: 0, stamp: now, value: 0.0 })
+}
+
+#[cfg(test)]
+mod tests;

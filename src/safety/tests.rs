@@ -1,0 +1,347 @@
+#![expect(clippy::float_cmp, reason = "exact by construction")]
+
+use super::*;
+use crate::config;
+use crate::msg::{BusHealth, Drive, DriveFeedback, OperatorSample};
+use proptest::prelude::*;
+
+/// A healthy robot around a guard: every source speaks each tick, drives follow their goal at once.
+struct Bench {
+    guard: Guard,
+    input: TickInput,
+    feedback: DriveFeedbacks,
+    snapshot: Snapshot,
+    estimate: Estimate,
+    wanted: JointCommand,
+    /// Sources go on being stamped.
+    live: bool,
+    drives_follow: bool,
+}
+
+const MS: i64 = 1_000_000;
+
+impl Bench {
+    fn new() -> Self {
+        let config = config::load(None, &[]).unwrap().config;
+        let mut bench = Self {
+            guard: Guard::new(&config),
+            input: TickInput { now: Stamp(1_000 * MS), ..TickInput::default() },
+            feedback: DriveFeedbacks::default(),
+            snapshot: Snapshot { toe_position_m: [0.03, 0.03, 0.01, 0.01], ..Snapshot::default() },
+            estimate: Estimate { valid: true, ..Estimate::default() },
+            wanted: JointCommand { hip_torque_nm: 10.0, toe_position_m: [0.01; 4], ..JointCommand::default() },
+            live: true,
+            drives_follow: true,
+        };
+        for drive in &mut bench.feedback.drives {
+            drive.state = DriveState::Ready;
+        }
+        bench
+    }
+
+    /// Armed, with the ramp behind it.
+    fn armed() -> Self {
+        let mut bench = Self::new();
+        bench.run(10, false);
+        bench.run(100, true);
+        assert_eq!(bench.guard.mode(), Mode::Armed);
+        bench
+    }
+
+    fn tick(&mut self, held: bool) -> Decision {
+        self.input.now += Span::from_ms(1);
+        self.input.index += 1;
+        self.snapshot.dead_man = held;
+        if self.live {
+            for drive in &mut self.feedback.drives {
+                drive.stamp = self.input.now;
+            }
+        } else {
+            self.snapshot.operator_age.0 += MS;
+            self.snapshot.imu_age.0 += MS;
+        }
+        self.guard.late(&self.input);
+        let decision = self.guard.step(&Facts {
+            input: &self.input,
+            feedback: &self.feedback,
+            snapshot: &self.snapshot,
+            estimate: &self.estimate,
+            wanted: &self.wanted,
+        });
+        if self.drives_follow {
+            self.follow(decision.goal);
+        }
+        decision
+    }
+
+    fn follow(&mut self, goal: DriveGoal) {
+        for drive in &mut self.feedback.drives {
+            drive.state = match goal {
+                DriveGoal::Disabled => DriveState::SwitchOnDisabled,
+                DriveGoal::Ready => DriveState::Ready,
+                DriveGoal::Enabled => DriveState::Enabled,
+            };
+        }
+    }
+
+    fn run(&mut self, ticks: usize, held: bool) -> Decision {
+        (0..ticks).map(|_| self.tick(held)).last().unwrap()
+    }
+}
+
+/// From the armed state, `harm` gives this fault and zero torque in the very tick.
+fn trips(expected: FaultCode, harm: impl FnOnce(&mut Bench)) {
+    let mut bench = Bench::armed();
+    assert_eq!(bench.tick(true).allowed.hip_torque_nm, 10.0);
+    harm(&mut bench);
+    let decision = bench.tick(true);
+    assert_eq!(decision.status.first_fault.code, expected);
+    assert_eq!(decision.status.mode, Mode::Faulted);
+    assert_eq!(decision.allowed.hip_torque_nm, 0.0);
+    assert_eq!(decision.allowed.toe_position_m, bench.snapshot.toe_position_m, "toes hold");
+    assert_eq!(decision.goal, DriveGoal::Disabled);
+}
+
+#[test]
+fn it_boots_disarmed_and_arms_on_a_fresh_edge() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.run(20, false).status.mode, Mode::Disarmed);
+    assert_eq!(bench.tick(true).status.mode, Mode::Arming);
+    assert_eq!(bench.tick(true).status.mode, Mode::Armed);
+}
+
+#[test]
+fn a_key_held_at_start_does_not_arm() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.run(5_000, true).status.mode, Mode::Disarmed);
+}
+
+#[test]
+fn drives_are_enabled_with_zero_torque() {
+    let mut bench = Bench::new();
+    bench.drives_follow = false;
+    bench.run(10, false);
+    for _ in 0..500 {
+        let decision = bench.tick(true);
+        assert_eq!((decision.goal, decision.allowed.hip_torque_nm), (DriveGoal::Enabled, 0.0));
+    }
+}
+
+#[test]
+fn torque_ramps_from_zero_after_arming() {
+    let mut bench = Bench::new();
+    bench.run(10, false);
+    bench.tick(true);
+    bench.wanted.hip_torque_nm = 30.0;
+    let torque: Vec<f64> = (0..51).map(|_| bench.tick(true).allowed.hip_torque_nm).collect();
+    assert_eq!(torque[0], 0.0);
+    assert!((torque[25] - 15.0).abs() < 1e-9, "half way: {}", torque[25]);
+    assert_eq!(torque[50], 30.0);
+}
+
+#[test]
+fn toes_start_from_where_they_are_and_keep_their_speed() {
+    let mut bench = Bench::new();
+    bench.run(10, false);
+    bench.tick(true);
+    let mut last = bench.snapshot.toe_position_m;
+    for _ in 0..200 {
+        let toes = bench.tick(true).allowed.toe_position_m;
+        assert!(toes.iter().zip(&last).all(|(a, b)| (a - b).abs() <= 0.25e-3 + 1e-12));
+        last = toes;
+    }
+    assert_eq!(last, [0.01; 4]);
+}
+
+#[test]
+fn dead_man_released_is_zero_torque_in_the_same_tick() {
+    let mut bench = Bench::armed();
+    let decision = bench.tick(false);
+    assert_eq!(decision.allowed.hip_torque_nm, 0.0);
+    assert_eq!(decision.status.first_fault.code, FaultCode::DeadManReleased);
+    assert_eq!(decision.goal, DriveGoal::Disabled);
+}
+
+#[test]
+fn stale_sources_trip() {
+    trips(FaultCode::OperatorStale, |b| b.snapshot.operator_age = Span::from_ms(101));
+    trips(FaultCode::OperatorStale, |b| b.snapshot.operator_age = Span(i64::MIN));
+    trips(FaultCode::ImuStale, |b| b.snapshot.imu_age = Span(i64::MAX));
+    let mut bench = Bench::armed();
+    bench.live = false;
+    let decision = bench.run(200, true);
+    assert_eq!(decision.status.first_fault.code, FaultCode::DriveStale, "5 ms and a period is the shortest limit");
+}
+
+#[test]
+fn numbers_that_are_not_finite_trip() {
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        trips(FaultCode::NotFinite, |b| b.snapshot.leg_angle_rad = bad);
+        trips(FaultCode::NotFinite, |b| b.estimate.theta_swing_rad_s = bad);
+        trips(FaultCode::NotFinite, |b| b.wanted.hip_torque_nm = bad);
+        trips(FaultCode::NotFinite, |b| b.wanted.toe_position_m[2] = bad);
+    }
+}
+
+#[test]
+fn drives_and_buses_that_fail_trip() {
+    let hip = Drive::Hip as usize;
+    trips(FaultCode::DriveFault, |b| b.feedback.drives[hip].state = DriveState::Fault);
+    trips(FaultCode::DriveFault, |b| b.feedback.drives[3].error_code = 0x8130);
+    trips(FaultCode::DriveNotEnabled, |b| b.feedback.drives[hip].state = DriveState::SwitchedOn);
+    trips(FaultCode::DriveNotEnabled, |b| b.feedback.drives[4] = DriveFeedback::default());
+    for health in [BusHealth::Off, BusHealth::Stalled, BusHealth::Down] {
+        trips(FaultCode::BusUnhealthy, |b| b.input.bus_health[1] = health);
+        trips(FaultCode::BusUnhealthy, |b| b.feedback.health[0] = health);
+    }
+}
+
+#[test]
+fn limits_of_posture_trip() {
+    trips(FaultCode::TiltLimit, |b| b.estimate.theta_stance_rad = -0.51);
+    trips(FaultCode::TiltLimit, |b| b.estimate.theta_swing_rad = 1.01);
+    trips(FaultCode::RateLimit, |b| b.estimate.theta_swing_rad_s = 10.1);
+    trips(FaultCode::EstimateLost, |b| b.estimate.innovation_swing_rad = 0.31);
+    trips(FaultCode::EstimateLost, |b| b.estimate.valid = false);
+    trips(FaultCode::OutOfRange, |b| b.snapshot.hip_angle_rad = 3.2);
+    trips(FaultCode::TorqueDemand, |b| b.wanted.hip_torque_nm = 1501.0);
+}
+
+#[test]
+fn lost_real_time_and_shut_down_trip() {
+    trips(FaultCode::NotRealTime, |b| b.input.real_time_missing = 4);
+    trips(FaultCode::Stopping, |b| b.input.stop_requested = true);
+}
+
+#[test]
+fn without_real_time_it_never_arms() {
+    let mut bench = Bench::new();
+    bench.input.real_time_missing = 1;
+    bench.run(10, false);
+    let decision = bench.run(1_000, true);
+    assert_eq!(decision.status.mode, Mode::Disarmed);
+    assert_eq!(decision.status.arm_blockers, 1 << FaultCode::NotRealTime as u8);
+}
+
+#[test]
+fn a_press_while_something_is_in_the_way_is_used_up() {
+    let mut bench = Bench::new();
+    bench.estimate.theta_stance_rad = 0.08;
+    bench.run(10, false);
+    bench.run(5, true);
+    bench.estimate.theta_stance_rad = 0.0;
+    assert_eq!(bench.run(100, true).status.mode, Mode::Disarmed);
+}
+
+#[test]
+fn drives_that_do_not_get_enabled_in_time_trip() {
+    let mut bench = Bench::new();
+    bench.run(10, false);
+    bench.drives_follow = false;
+    assert_eq!(bench.run(3_000, true).status.mode, Mode::Arming);
+    assert_eq!(bench.run(10, true).status.first_fault.code, FaultCode::DriveNotEnabled);
+}
+
+#[test]
+fn the_first_fault_is_kept_until_armed_again() {
+    let mut bench = Bench::armed();
+    bench.estimate.theta_stance_rad = 0.6;
+    bench.tick(true);
+    bench.estimate.theta_stance_rad = 0.0;
+    let decision = bench.run(1_000, true);
+    assert_eq!((decision.status.mode, decision.goal), (Mode::Faulted, DriveGoal::Disabled), "held all the time");
+    assert_eq!(decision.status.first_fault.code, FaultCode::TiltLimit);
+    let decision = bench.run(200, false);
+    assert_eq!(decision.status.first_fault.code, FaultCode::TiltLimit);
+    assert_eq!(decision.goal, DriveGoal::Ready, "drives get ready once the hand is open");
+    let decision = bench.tick(true);
+    assert_eq!((decision.status.mode, decision.status.first_fault.code), (Mode::Arming, FaultCode::None));
+    assert_eq!(decision.status.faults, 1);
+}
+
+#[test]
+fn a_fault_that_stays_keeps_the_robot_from_arming_again() {
+    let mut bench = Bench::armed();
+    bench.estimate.theta_stance_rad = 0.6;
+    bench.run(10, true);
+    bench.run(500, false);
+    assert_eq!(bench.run(10, true).status.mode, Mode::Faulted);
+}
+
+#[test]
+fn one_late_tick_does_not_drop_the_robot_but_many_do() {
+    let mut bench = Bench::armed();
+    bench.input.skipped = 5;
+    let decision = bench.tick(true);
+    assert_eq!((decision.status.mode, decision.status.last_fault.code), (Mode::Armed, FaultCode::Late));
+    assert_eq!(decision.allowed.hip_torque_nm, 10.0);
+    bench.run(3, true);
+    assert_eq!(bench.tick(true).status.first_fault.code, FaultCode::Overrun, "25 within a second, 20 allowed");
+}
+
+#[test]
+fn torque_changes_no_faster_than_its_rate_limit() {
+    let mut bench = Bench::armed();
+    bench.wanted.hip_torque_nm = -10.0;
+    let decision = bench.tick(true);
+    assert_eq!(decision.allowed.hip_torque_nm, 4.0);
+    assert_eq!(decision.status.last_fault.code, FaultCode::TorqueRateLimited);
+}
+
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(-0.0), any::<f64>(), -50.0..50.0]
+}
+
+fn any_state() -> impl Strategy<Value = DriveState> {
+    (0..DriveState::ALL.len()).prop_map(|i| DriveState::ALL[i])
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    #[test]
+    fn torque_is_finite_and_within_its_limit_for_any_input(
+        numbers in prop::array::uniform8(any_number()),
+        ages in prop::array::uniform4(any::<i64>()),
+        state in any_state(),
+        flags in any::<[bool; 4]>(),
+        only in 0_usize..12,
+    ) {
+        let mut bench = Bench::armed();
+        let [leg, hip, stance, swing, rate, innovation, torque, toe] = numbers;
+        // One thing goes wrong, or (at 11) everything at once.
+        let hit = |n: usize| only == n || only == 11;
+        if hit(0) { bench.snapshot.leg_angle_rad = leg; }
+        if hit(1) { bench.snapshot.hip_angle_rad = hip; }
+        if hit(2) { bench.estimate.theta_stance_rad = stance; }
+        if hit(3) { bench.estimate.theta_swing_rad = swing; }
+        if hit(4) { bench.estimate.theta_stance_rad_s = rate; }
+        if hit(5) { bench.estimate.innovation_stance_rad = innovation; }
+        if hit(6) { bench.wanted.hip_torque_nm = torque; }
+        if hit(7) { bench.wanted.toe_position_m[1] = toe; bench.snapshot.toe_position_m[3] = toe; }
+        if hit(8) { bench.snapshot.imu_age = Span(ages[0]); bench.snapshot.operator_age = Span(ages[1]); }
+        if hit(9) { bench.feedback.drives[0].stamp = Stamp(ages[2]); bench.live = flags[0]; }
+        if hit(10) { bench.input.now = Stamp(ages[3]); bench.input.skipped = u32::from(flags[1]); }
+        bench.feedback.drives[2].state = if only == 11 { state } else { DriveState::Enabled };
+        for step in 0..40 {
+            let decision = bench.tick(flags[2] || step % 7 < 3);
+            let torque = decision.allowed.hip_torque_nm;
+            prop_assert!(torque.is_finite() && torque.abs() <= 30.0);
+            prop_assert!(torque == 0.0 || decision.status.mode == Mode::Armed);
+            prop_assert!(decision.allowed.toe_position_m.iter().all(|toe| (0.0..=0.04).contains(toe)));
+        }
+    }
+
+    #[test]
+    fn the_mode_leaves_faulted_only_by_an_edge(events in any::<[bool; 5]>()) {
+        let [heard, edge, healthy, fault, enabled] = events;
+        let next = mode::next(Mode::Faulted, Events { heard, edge, healthy, fault, enabled });
+        prop_assert_eq!(next == Mode::Faulted, !(edge && healthy));
+    }
+}
+
+#[test]
+fn operator_sample_without_a_heartbeat_is_never_fresh() {
+    let never = OperatorSample { stamp: Stamp::NEVER, dead_man: true, sequence: 0 };
+    assert!(!health::fresh(Stamp(0).since(never.stamp), Span::from_ms(100)));
+}
