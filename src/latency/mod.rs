@@ -1,9 +1,11 @@
 //! L6: the harness of `compass bench` and `bench/`: our figures beside those of what a user would use instead, in
 //! interleaved windows of one run, as ratios. It never judges: a goal that is not reached stands in the table.
 //!
+//! - [`page`]: the HTML page.
 //! - [`window`]: percentiles of a window, medians of per-window ratios, the machine's stolen time.
 //! - [`cyclictest`]: wake-up latency of Debian's rt-tests.
 //! - [`driver`]: one sensor datagram in per period, one reply out.
+//! - [`hop`]: our channel against raw iceoryx2.
 //! - [`lcm_chain`]: the thesis' architecture, three processes joined by LCM.
 //!
 //! Times on a virtual machine are gated on medians of per-window ratios; maxima are told beside the stolen time.
@@ -11,5 +13,7 @@
 
 pub mod cyclictest;
 pub mod driver;
+pub mod hop;
 pub mod lcm_chain;
+pub mod page;
 pub mod window;
