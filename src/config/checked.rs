@@ -310,6 +310,10 @@ pub struct Control {
     pub stance: crate::msg::Leg,
     /// Observer's epsilon, s (thesis 4.17, corrected).
     pub observer_epsilon_s: f64,
+    /// Time constant with which the attitude's bias is learnt from the balance point, s; 0 = not at all.
+    pub bias_time_s: f64,
+    /// Time constant of the attitude filter for an IMU that streams no attitude, s.
+    pub attitude_time_s: f64,
     /// LQR state weights on [theta_s, theta_w, rates].
     pub lqr_q: [f64; 4],
     /// LQR weight of the normalised torque.
@@ -331,6 +335,8 @@ pub struct Simulation {
     pub initial_angle_rad: [f64; 2],
     /// Initial leg rates, rad/s.
     pub initial_rate_rad_s: [f64; 2],
+    /// A hand holds both legs until the hip has pushed with so much, Nm; 0 = nobody holds.
+    pub release_torque_nm: f64,
     /// Initial stance leg.
     pub stance: crate::msg::Leg,
     /// True: stands on blocks, the swing toe meets no ground (thesis 4.5).

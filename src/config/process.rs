@@ -46,6 +46,8 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
         controller: r.choice("controller", CONTROLLERS, ControllerKind::Idle),
         stance: r.choice("stance", LEGS, Leg::Inner),
         observer_epsilon_s: r.number("observer_epsilon_s", range(1e-3, 1.0, "s")),
+        bias_time_s: r.number("bias_time_s", range(0.0, 1e4, "s")),
+        attitude_time_s: r.number("attitude_time_s", range(0.01, 1e4, "s")),
         lqr_q: r.numbers("lqr_q", range(0.0, 1e9, "1")),
         lqr_r: r.number("lqr_r", range(1e-9, 1e9, "1")),
         friction_compensation: r.number("friction_compensation", range(0.0, 2.0, "1")),

@@ -13,6 +13,7 @@ pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
         seed: r.integer("seed", 0, i64::MAX, "1"),
         initial_angle_rad: r.numbers("initial_angle_rad", range(-PI, PI, "rad")),
         initial_rate_rad_s: r.numbers("initial_rate_rad_s", range(-20.0, 20.0, "rad/s")),
+        release_torque_nm: r.number("release_torque_nm", range(0.0, 1e3, "Nm")),
         stance: r.choice("stance", LEGS, Leg::Inner),
         on_blocks: r.flag("on_blocks"),
         hip_elasticity: r.optional_table("hip_elasticity", elasticity),

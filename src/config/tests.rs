@@ -51,7 +51,7 @@ fn all_errors_of_all_files_come_at_once() {
     assert_eq!(found.len(), 4, "{found:#?}");
     assert_eq!(found[0], "--set: robot.hip.gear_ratio = -3: must be 1 to 500");
     assert!(found[1].contains("rt.period_us = \"fast\": must be a number, 100 to 1000000 us"), "{}", found[1]);
-    assert!(found[2].contains("control.nonsense = 1: unknown key; known here: controller"), "{}", found[2]);
+    assert!(found[2].contains("control.nonsense = 1: unknown key; known here: attitude_time_s"), "{}", found[2]);
     assert!(found[3].contains("sim.seed = 1.5: must be a whole number"), "{}", found[3]);
 }
 

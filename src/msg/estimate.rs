@@ -60,6 +60,13 @@ message! {
         pub innovation_swing_rad: f64,
         /// Hip angle inner - outer as measured at the encoder, rad.
         pub hip_angle_rad: f64,
+        /// Rotor angle (through the gear) minus the angle between the legs, stance - swing, rad; 0 if the model's hip
+        /// is rigid.
+        pub hip_twist_rad: f64,
+        /// Its rate, rad/s.
+        pub hip_twist_rad_s: f64,
+        /// What the IMU's attitude is believed to read too much, rad: the balance point tells.
+        pub attitude_bias_rad: f64,
         /// Number of stance changes seen.
         pub steps: u32,
     }
