@@ -1,7 +1,12 @@
 //! L6: system identification by simulation error: rigs, recordings, free runs with sensitivities, fits.
 //!
+//! [`experiment`] reads a case, [`theta`] lists what is uncertain, [`rollout`] runs free and differentiates, [`fit`]
+//! fits, [`identifiability`] says what the data determines.
 //! RT: no.
 
+pub mod experiment;
 pub mod fit;
 pub mod identifiability;
 pub mod noise;
+pub mod rollout;
+pub mod theta;

@@ -13,7 +13,17 @@
 //! ```
 //! Hip torque τ: +τ on the stance row, -τ on the swing row. The motor's own sign is fixed to the legs (+ on inner),
 //! so `τ = +τ_m` when the inner leg stands and `τ = -τ_m` when the outer leg stands.
-//! RT: yes, no allocation.
+//!
+//! # The other mechanisms
+//! - `pendulum`: `q1` from hanging straight down, + counter-clockwise. `slider`: `q1` position in m.
+//! - `double_pendulum`: `q1` from hanging down, `q2` of link 2 relative to link 1.
+//!
+//! # Map
+//! [`rig`] is a model file (mechanism, parameters, actuators, sensors, effects, recordings); [`effect`] the catalogue;
+//! [`compass_gait`] the walking robot's equations; [`energy`] serves the laws.
+//! RT: yes, no allocation; but reading and writing rig files is not.
 
 pub mod compass_gait;
+pub mod effect;
 pub mod energy;
+pub mod rig;

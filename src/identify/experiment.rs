@@ -1,0 +1,208 @@
+//! A case as data: the rig, and each recording with its columns where the rig wants them.
+//!
+//! CSV errors name file, row (as an editor counts, the header being 1), column and remedy. What is only suspicious
+//! (an angle that looks like degrees, gaps, a channel that never moves) is a warning: the work goes on.
+//! RT: no.
+
+mod csv_table;
+mod warn;
+
+use crate::model::rig::{RecordingEntry, Rig, RigErrors, Setup, Use};
+use std::fs;
+use std::io;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+pub use csv_table::Table;
+
+/// A recording that the rig can run against.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// File name as in the rig.
+    pub name: String,
+    /// Index into [`Rig::recordings`] of the rig it was read for.
+    pub index: usize,
+    /// What it is for.
+    pub usage: Use,
+    /// Free runs restart this often, s.
+    pub window_s: Option<f64>,
+    /// Set-up of the compass gait.
+    pub setup: Option<Setup>,
+    /// Instants of the rows, s, strictly increasing; the first need not be 0.
+    pub times: Vec<f64>,
+    /// One list per actuator of the rig: the command that acts from its row to the next, in units of the column.
+    pub inputs: Vec<Vec<f64>>,
+    /// One list per actuator: drive enabled. Empty if the actuator has no such column: always on.
+    pub enabled: Vec<Vec<bool>>,
+    /// One list per sensor of the rig; NaN = no sample.
+    pub measured: Vec<Vec<f64>>,
+    /// Stance leg of each row, 0 inner, 1 outer; empty if the recording does not say.
+    pub stance: Vec<u8>,
+    /// What looked wrong but did not stop the reading.
+    pub warnings: Vec<String>,
+}
+
+/// A rig with its recordings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Experiment {
+    /// The model as given.
+    pub rig: Rig,
+    /// In the order of the rig.
+    pub recordings: Vec<Recording>,
+}
+
+/// Why a case cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// A file cannot be opened.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The rig file is wrong.
+    #[error("{0}")]
+    Rig(#[from] RigErrors),
+    /// A table is wrong.
+    #[error("{}", .0.join("\n"))]
+    Table(Vec<String>),
+    /// The form is not read here.
+    #[error("{0}")]
+    Form(String),
+}
+
+impl Experiment {
+    /// Reads `case/rig.toml` and the recordings that it names.
+    ///
+    /// # Errors
+    /// The first file that cannot be used; within it everything that is wrong.
+    pub fn load(case: &Path) -> Result<Self, ExperimentError> {
+        let rig = load_rig(&case.join("rig.toml"))?;
+        let mut recordings = Vec::new();
+        let mut wrong = Vec::new();
+        for (index, entry) in rig.recordings.iter().enumerate() {
+            match Recording::load(&rig, index, &case.join(&entry.file)) {
+                Ok(recording) => recordings.push(recording),
+                Err(ExperimentError::Table(lines)) => wrong.extend(lines),
+                Err(other) => return Err(other),
+            }
+        }
+        if wrong.is_empty() { Ok(Self { rig, recordings }) } else { Err(ExperimentError::Table(wrong)) }
+    }
+
+    /// The recordings of one use.
+    pub fn of_use(&self, usage: Use) -> impl Iterator<Item = &Recording> {
+        self.recordings.iter().filter(move |r| r.usage == usage)
+    }
+}
+
+/// Reads a rig file.
+///
+/// # Errors
+/// The file cannot be read, or all that is wrong with it.
+pub fn load_rig(path: &Path) -> Result<Rig, ExperimentError> {
+    let text = fs::read_to_string(path).map_err(|source| ExperimentError::File { path: path.to_owned(), source })?;
+    Ok(Rig::parse(&text, &path.display().to_string())?)
+}
+
+impl Recording {
+    /// Reads the recording `index` of `rig` from `path`.
+    ///
+    /// # Errors
+    /// The file cannot be read, a column is missing, a row is short, a number is not finite or time does not increase.
+    pub fn load(rig: &Rig, index: usize, path: &Path) -> Result<Self, ExperimentError> {
+        let entry = rig
+            .recordings
+            .get(index)
+            .ok_or_else(|| ExperimentError::Form(format!("the rig has no recording number {index}")))?;
+        if path.extension().is_some_and(|e| e == "mcap") {
+            return Err(ExperimentError::Form(format!("{}: export it with `compass export` first", path.display())));
+        }
+        let file = path.display().to_string();
+        let bytes = fs::read(path).map_err(|source| ExperimentError::File { path: path.to_owned(), source })?;
+        let table = Table::parse(&file, &bytes).map_err(ExperimentError::Table)?;
+        Self::from_table(rig, index, entry, &table).map_err(ExperimentError::Table)
+    }
+
+    /// Takes the columns that `rig` names out of `table`.
+    fn from_table(rig: &Rig, index: usize, entry: &RecordingEntry, table: &Table) -> Result<Self, Vec<String>> {
+        let mut wrong = Vec::new();
+        let mut full = |name: &str, empty_is: Option<f64>| {
+            table.column(name, empty_is).unwrap_or_else(|lines| {
+                wrong.extend(lines);
+                Vec::new()
+            })
+        };
+        let times = full("t_s", None);
+        let inputs: Vec<Vec<f64>> = rig.actuators.iter().map(|a| full(&a.column, None)).collect();
+        let enabled = rig.actuators.iter().map(|a| {
+            a.enable_column.as_ref().map(|c| full(c, None).iter().map(|x| *x >= 0.5).collect()).unwrap_or_default()
+        });
+        let enabled = enabled.collect();
+        let measured = rig.sensors.iter().map(|s| full(&s.column, Some(f64::NAN))).collect();
+        let stance = entry.stance_column.as_ref().map(|c| full(c, None)).unwrap_or_default();
+        wrong.extend(table.check_time(&times));
+        wrong.extend(table.check_stance(entry.stance_column.as_deref(), &stance));
+        if !wrong.is_empty() {
+            return Err(wrong);
+        }
+        let mut recording = Self {
+            name: entry.file.clone(),
+            index,
+            usage: entry.usage,
+            window_s: entry.window_s,
+            setup: entry.setup,
+            times,
+            inputs,
+            enabled,
+            measured,
+            stance: stance.iter().map(|x| u8::from(*x > 0.5)).collect(),
+            warnings: Vec::new(),
+        };
+        recording.warnings = warn::warnings(rig, &recording);
+        Ok(recording)
+    }
+
+    /// How many rows.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.times.len()
+    }
+
+    /// True if it has no rows (cannot come from a file).
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.times.is_empty()
+    }
+
+    /// Rows of each window: window k starts at the first row at or after t0 + k · window_s; a last piece shorter than
+    /// half a window joins the one before (contract section 4).
+    #[must_use]
+    pub fn windows(&self) -> Vec<Range<usize>> {
+        let (Some(window_s), Some(&t0), Some(&last)) = (self.window_s, self.times.first(), self.times.last()) else {
+            return std::iter::once(0..self.len()).collect();
+        };
+        let mut starts = vec![0];
+        let mut k = 1.0;
+        while t0 + k * window_s <= last {
+            let row = self.times.partition_point(|t| *t < t0 + k * window_s - ROUNDING_S);
+            if starts.last() != Some(&row) && row < self.len() {
+                starts.push(row);
+            }
+            k += 1.0;
+        }
+        // Length of the last piece: to the end of its last row's interval is not known, so to its last row.
+        if let [.., _, start] = starts[..]
+            && last - self.times[start] < 0.5 * window_s
+        {
+            starts.pop();
+        }
+        let ends = starts.iter().skip(1).copied().chain(std::iter::once(self.len()));
+        starts.iter().copied().zip(ends).map(|(a, b)| a..b).collect()
+    }
+}
+
+/// A row that misses a window's start by less belongs to it: decimal instants are not exact in binary.
+const ROUNDING_S: f64 = 1e-9;

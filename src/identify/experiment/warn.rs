@@ -1,0 +1,62 @@
+//! What looks wrong with a recording though it can be used. RT: no.
+
+use super::Recording;
+use crate::model::rig::{MechanismKind, Rig};
+
+/// A gap is a step of time this many times the median one.
+const GAP: f64 = 5.0;
+/// An angle beyond this many turns, or a leg beyond this many rad, is likely in degrees.
+const DEGREES_TURNS: f64 = 4.0;
+const DEGREES_LEG_RAD: f64 = 3.2;
+
+/// One line each: what, where, remedy.
+pub(super) fn warnings(rig: &Rig, recording: &Recording) -> Vec<String> {
+    let mut out = Vec::new();
+    out.extend(gaps(recording));
+    for (sensor, samples) in rig.sensors.iter().zip(&recording.measured) {
+        let name = &sensor.column;
+        let present: Vec<f64> = samples.iter().copied().filter(|x| !x.is_nan()).collect();
+        let low = present.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = present.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if present.is_empty() {
+            out.push(format!("{}: column `{name}` has no sample at all", recording.name));
+        } else if high <= low {
+            out.push(format!("{}: column `{name}` never changes ({low}): is the sensor connected?", recording.name));
+        } else if !sensor.is_rate && looks_like_degrees(rig.mechanism, low, high) {
+            out.push(format!(
+                "{}: column `{name}` runs from {low} to {high}: if these are degrees, convert to rad",
+                recording.name
+            ));
+        }
+    }
+    for (actuator, input) in rig.actuators.iter().zip(&recording.inputs) {
+        if input.iter().all(|u| u.to_bits() == input[0].to_bits()) && input[0].abs() > 0.0 {
+            out.push(format!("{}: column `{}` is constant: it excites nothing", recording.name, actuator.column));
+        }
+    }
+    out
+}
+
+fn looks_like_degrees(mechanism: MechanismKind, low: f64, high: f64) -> bool {
+    let reach = low.abs().max(high.abs());
+    match mechanism {
+        MechanismKind::CompassGait => reach > DEGREES_LEG_RAD,
+        // A rotor may turn on and on; a swing of many "turns" that comes back is suspicious.
+        MechanismKind::Pendulum | MechanismKind::DoublePendulum => {
+            low < -DEGREES_TURNS * std::f64::consts::TAU && high > DEGREES_TURNS * std::f64::consts::TAU
+        }
+        MechanismKind::Slider => false,
+    }
+}
+
+fn gaps(recording: &Recording) -> Option<String> {
+    let mut steps: Vec<f64> = recording.times.windows(2).map(|p| p[1] - p[0]).collect();
+    let longest = steps.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    steps.sort_by(f64::total_cmp);
+    let median = steps.get(steps.len() / 2)?;
+    (longest.1 > GAP * median).then(|| {
+        let t = recording.times[longest.0];
+        let (name, gap) = (&recording.name, longest.1);
+        format!("{name}: a gap of {gap:.4} s after t = {t:.4} s (usual step {median:.4} s): the input is held over it")
+    })
+}

@@ -1,0 +1,102 @@
+//! Laws of rig files.
+use super::*;
+
+const FULL: &str = r#"schema = 1
+name = "inner \"leg\""
+mechanism = "pendulum"
+[parameters]
+inertia_kg_m2 = { value = 0.0043, min = 0.0021, max = 0.0086 }
+gravity_nm = 3
+[[actuator]]
+joint = "q1"
+column = "u_v"
+gain = { value = 0.0182, min = 0.015, max = 0.022 }
+enable_column = "on"
+back_emf = { value = 0.01 }
+[[sensor]]
+measures = "q1"
+column = "q_rad"
+quantum = 0.000767
+[[sensor]]
+measures = "q1_rate"
+side = "motor"
+column = "gyro"
+noise_std = 1e-3
+[[effect]]
+effect = "torque_ripple"
+at = "q1"
+amplitude = { value = 0.0, min = -1, max = 1 }
+order = { value = 6 }
+phase = { value = 0.1 }
+[[effect]]
+effect = "torque_ripple"
+at = "q1"
+side = "motor"
+amplitude = { value = 0.1 }
+order = { value = 12 }
+phase = { value = 0.1 }
+recordings = ["a.csv"]
+[[recording]]
+file = "a.csv"
+use = "fit"
+window_s = 2
+[[recording]]
+file = "b.csv"
+use = "heldout"
+parameters = { gravity_nm = { value = 0.42, min = 0.1, max = 1.0 } }
+effects = [ { effect = "sensor_bias", at = "q_rad", bias = { value = 0.0, min = -0.1, max = 0.1 } } ]
+"#;
+
+#[test]
+fn written_rig_parses_to_the_same_rig() {
+    let rig = Rig::parse(FULL, "rig.toml").unwrap();
+    let again = Rig::parse(&rig.to_toml(), "again").unwrap();
+    assert_eq!(rig, again);
+}
+
+#[test]
+fn unknown_keys_name_file_key_and_line() {
+    let text = FULL.replace("quantum =", "quantom =").replace("use = \"heldout\"", "use = \"heldout\"\nweight = 2");
+    let errors = Rig::parse(&text, "case/rig.toml").unwrap_err();
+    assert_eq!(errors.0.len(), 2, "{errors}");
+    assert!(errors.to_string().starts_with("case/rig.toml:16: `quantom`: unknown key in [[sensor]]"), "{errors}");
+    assert_eq!(errors.0[1].line, 43);
+}
+
+#[test]
+fn all_errors_are_told_at_once() {
+    let text = FULL
+        .replace("inertia_kg_m2 = { value = 0.0043, min = 0.0021,", "inertia_kg_m2 = { value = 0.0001, min = 0.0021,")
+        .replace("measures = \"q1\"", "measures = \"q7\"")
+        .replace("effect = \"sensor_bias\"", "effect = \"sensor_blas\"")
+        .replace("at = \"q1\"\nside", "at = \"q2\"\nside")
+        .replace("use = \"fit\"", "use = \"train\"");
+    let errors = Rig::parse(&text, "rig.toml").unwrap_err();
+    assert_eq!(errors.0.len(), 5, "{errors}");
+}
+
+#[test]
+fn broken_toml_tells_its_line() {
+    let errors = Rig::parse("schema = 1\nname = = 3\nmechanism", "rig.toml").unwrap_err();
+    assert_eq!(errors.0[0].line, 2);
+}
+
+#[test]
+fn slot_names_are_unique_and_readable() {
+    let rig = Rig::parse(FULL, "rig.toml").unwrap();
+    let names: Vec<String> = rig.slots().iter().map(|s| rig.slot_name(*s)).collect();
+    for (i, name) in names.iter().enumerate() {
+        assert!(!names[..i].contains(name), "{name} twice");
+    }
+    for wanted in [
+        "inertia_kg_m2",
+        "gain@u_v",
+        "back_emf@u_v",
+        "torque_ripple@q1.amplitude",
+        "torque_ripple@q1:motor.order[a.csv]",
+        "gravity_nm[b.csv]",
+        "sensor_bias@q_rad.bias[b.csv]",
+    ] {
+        assert!(names.contains(&wanted.to_owned()), "{wanted} not in {names:?}");
+    }
+}
