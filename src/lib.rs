@@ -44,6 +44,7 @@ pub mod channel;
 pub mod cli;
 pub mod config;
 pub mod diagnose;
+pub mod dispatch;
 pub mod identify;
 pub mod latency;
 pub mod model;

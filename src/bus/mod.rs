@@ -7,6 +7,8 @@
 //! | [`cia402`] | the drive profile's state machine, both ends of it |
 //! | [`budget`] | who may use the bus when, and whether it all fits |
 //! | [`line`] | the master of one bus |
+//! | [`loopback`] | a bus in memory; the simulated robot sits on it |
+//! | [`faulty`] | loses, doubles, delays, flips frames of any bus |
 //!
 //! A bus never waits: a frame is taken or refused at once, and a frame is there or not. A frame that was sent comes
 //! back as an *echo* from the wire itself, which is the only proof that it left; every implementation does this.
@@ -25,10 +27,16 @@
 pub mod budget;
 pub mod canopen;
 pub mod cia402;
+pub mod faulty;
 pub mod frame;
 pub mod line;
+mod link;
+pub mod loopback;
 pub mod pdo;
 pub mod sdo;
+
+#[cfg(test)]
+mod laws;
 
 use crate::msg::{BusFrame, BusHealth, CanFrame};
 use std::os::fd::RawFd;
