@@ -7,9 +7,12 @@
 
 pub mod cdr;
 pub mod log_file;
+pub mod reader;
 pub mod recorder;
+pub mod scan;
 pub mod schema;
 pub mod storage;
 pub mod stream;
 
+pub use reader::{ReadError, Reader};
 pub use recorder::{RecordError, Recorder};

@@ -355,3 +355,6 @@ impl Worker {
         told.notices.append(&mut self.notices);
     }
 }
+
+#[cfg(test)]
+mod tests;
