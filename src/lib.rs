@@ -51,5 +51,6 @@ pub mod model;
 pub mod msg;
 pub mod record;
 pub mod report;
+pub mod rt;
 pub mod safety;
 pub mod sim;

@@ -1,0 +1,49 @@
+//! Memory that is there before it is needed: locked, touched, never given back. RT: before arming only.
+#![expect(unsafe_code, reason = "system calls")]
+
+use std::hint::black_box;
+use std::mem::MaybeUninit;
+
+/// A piece of stack that is touched at a time.
+const PIECE: usize = 16 * 1024;
+/// Left for the frames of the touching itself and of the thread's start.
+const MARGIN: usize = 64 * 1024;
+
+/// Locks all pages, present and future, and keeps the allocator from returning any. False: not granted
+/// (RLIMIT_MEMLOCK or CAP_IPC_LOCK).
+#[must_use]
+pub fn lock() -> bool {
+    // SAFETY: no pointers; both calls only change this process's own settings.
+    unsafe {
+        libc::mallopt(libc::M_TRIM_THRESHOLD, -1);
+        libc::mallopt(libc::M_MMAP_MAX, 0);
+        libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) == 0
+    }
+}
+
+/// Touches this thread's stack, but for a margin, so that no page of it is missing later.
+pub fn touch_stack(stack_bytes: usize) {
+    touch(stack_bytes.saturating_sub(MARGIN) / PIECE);
+}
+
+#[inline(never)]
+fn touch(pieces: usize) {
+    let mut piece = [0_u8; PIECE];
+    black_box(&mut piece);
+    if pieces > 1 {
+        touch(pieces - 1);
+    }
+    black_box(&mut piece);
+}
+
+/// Minor and major page faults of this thread so far.
+#[must_use]
+pub fn faults_of_this_thread() -> u64 {
+    let mut usage = MaybeUninit::<libc::rusage>::zeroed();
+    // SAFETY: the kernel fills one rusage; all-zero is a valid one should it refuse.
+    let usage = unsafe {
+        libc::getrusage(libc::RUSAGE_THREAD, usage.as_mut_ptr());
+        usage.assume_init()
+    };
+    u64::try_from(usage.ru_minflt + usage.ru_majflt).unwrap_or(0)
+}
