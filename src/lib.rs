@@ -16,8 +16,8 @@
 //! | L2 | `channel` | names and types of the iceoryx2 services; publish and subscribe without waiting | yes |
 //! | L3 | `sensor` | bytes to messages: IMU codec and serial line, operator | yes |
 //! | L3 | `accumulate` | newest sample of each sensor → one snapshot with ages | yes |
-//! | L3 | `estimate` | high-gain observer, attitude, impact at stance change | yes |
-//! | L3 | `control` | state in, joint torque out; mode machine | yes |
+//! | L3 | [`estimate`] | high-gain observer, attitude, impact at stance change | yes |
+//! | L3 | [`control`] | state in, joint torque out; mode machine | yes |
 //! | L3 | `safety` | guard at the door: dead-man, limits, latch | yes |
 //! | L3 | `dispatch` | joint torque and toe lengths → five drive commands | yes |
 //! | L3 | `bus` | frames on wires; CANopen line with CiA 402 drives; SocketCAN | yes |
@@ -43,8 +43,10 @@ pub mod bus;
 pub mod channel;
 pub mod cli;
 pub mod config;
+pub mod control;
 pub mod diagnose;
 pub mod dispatch;
+pub mod estimate;
 pub mod identify;
 pub mod latency;
 pub mod model;

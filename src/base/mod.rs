@@ -3,6 +3,7 @@
 //! RT: all of it, but `riccati` (before arming only).
 
 pub mod linalg;
+pub mod ode;
 pub mod riccati;
 pub mod scalar;
 pub mod time;

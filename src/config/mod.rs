@@ -10,6 +10,7 @@
 
 pub mod checked;
 mod consistency;
+mod model;
 mod problem;
 mod process;
 mod raw;

@@ -1,0 +1,155 @@
+//! Laws of every controller, and those of balance.
+
+use super::*;
+use crate::config::load;
+
+const ALL: [&str; 3] = ["idle", "hold", "balance"];
+
+fn config(keys: &[&str]) -> Config {
+    load(None, &keys.iter().map(|k| (*k).to_owned()).collect::<Vec<_>>()).unwrap().config
+}
+
+fn controller(name: &str) -> Controller {
+    Controller::new(&config(&[&format!("control.controller={name}")])).unwrap()
+}
+
+fn torque(c: &mut Controller, e: &Estimate) -> f64 {
+    c.step(Stamp(0), e, &Snapshot::default()).hip_torque_nm
+}
+
+fn state(stance: Leg, [ts, tw, vs, vw]: [f64; 4]) -> Estimate {
+    let sign = if stance == Leg::Inner { 1.0 } else { -1.0 };
+    Estimate {
+        valid: true,
+        stance,
+        theta_stance_rad: ts,
+        theta_swing_rad: tw,
+        theta_stance_rad_s: vs,
+        theta_swing_rad_s: vw,
+        hip_angle_rad: sign * (ts - tw),
+        ..Estimate::default()
+    }
+}
+
+/// A fixed set of states over and beyond all that can happen.
+fn states() -> impl Iterator<Item = [f64; 4]> {
+    let values = [-1e3, -1.0, -0.02, 0.0, 0.3, 1e6];
+    values.into_iter().flat_map(move |a| values.into_iter().map(move |b| [a, b, -b, a]))
+}
+
+#[test]
+fn finite_state_gives_finite_torque() {
+    for name in ALL {
+        let mut c = controller(name);
+        for x in states() {
+            for leg in [Leg::Inner, Leg::Outer] {
+                assert!(torque(&mut c, &state(leg, x)).is_finite(), "{name} {x:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_is_asked_for_at_the_upright_equilibrium() {
+    for name in ALL {
+        let mut c = controller(name);
+        let upright = state(Leg::Outer, [0.0; 4]);
+        c.reset(&upright, &Snapshot::default());
+        assert!(torque(&mut c, &upright).abs() < 1e-15, "{name}");
+    }
+}
+
+#[test]
+fn same_input_gives_the_same_bits() {
+    for name in ALL {
+        let (mut a, mut b) = (controller(name), controller(name));
+        for x in states() {
+            let e = state(Leg::Inner, x);
+            assert_eq!(torque(&mut a, &e).to_bits(), torque(&mut b, &e).to_bits());
+            assert_eq!(torque(&mut a, &e).to_bits(), torque(&mut b, &e).to_bits());
+        }
+    }
+}
+
+#[test]
+fn a_state_that_is_not_finite_shows_in_the_torque() {
+    // Safety turns it into a fault; the controller must not hide it.
+    assert!(!torque(&mut controller("balance"), &state(Leg::Inner, [f64::NAN, 0.0, 0.0, 0.0])).is_finite());
+}
+
+#[test]
+fn mirrored_state_gives_the_opposite_torque() {
+    for name in ALL {
+        let mut c = controller(name);
+        c.reset(&state(Leg::Inner, [0.0; 4]), &Snapshot::default());
+        for x in states() {
+            for leg in [Leg::Inner, Leg::Outer] {
+                let (one, other) = (torque(&mut c, &state(leg, x)), torque(&mut c, &state(leg, x.map(|v| -v))));
+                assert!((one + other).abs() <= 1e-12 * one.abs());
+            }
+        }
+    }
+}
+
+#[test]
+fn balance_torque_is_the_gain_of_the_leg_that_stands_with_its_sign() {
+    let mut c = controller("balance");
+    let unit = config(&[]).robot.model.params().inertia_kg_m2();
+    for (leg, k, sign) in [(Leg::Inner, 95.014_623, 1.0), (Leg::Outer, 119.920_818, -1.0)] {
+        let got = torque(&mut c, &state(leg, [0.01, 0.0, 0.0, 0.0]));
+        assert!((got + sign * unit * k * 0.01).abs() < 1e-5, "{leg:?} {got}");
+    }
+}
+
+#[test]
+fn friction_is_compensated_by_its_share_and_not_when_ticks_are_late() {
+    let extra = |share: f64, late: bool| {
+        let mut c = Controller::new(&config(&[&format!("control.friction_compensation={share:?}")])).unwrap();
+        let still = Snapshot { late, ..Snapshot::default() };
+        let mut at = |r: f64| c.step(Stamp(0), &state(Leg::Inner, [0.0, 0.0, r, 0.0]), &still).hip_torque_nm;
+        // Even part: LQR is linear, so what is left at two rates is friction (1.841 Nm + .694 Nm s/rad).
+        at(0.2) - 2.0 * at(0.1)
+    };
+    assert!((extra(1.0, false) + 1.841).abs() < 1e-3);
+    assert!((extra(0.5, false) + 0.5 * 1.841).abs() < 1e-3);
+    assert!(extra(0.0, false).abs() < 1e-12);
+    assert!(extra(1.0, true).abs() < 1e-12);
+}
+
+#[test]
+fn hold_pushes_back_from_where_it_was_reset() {
+    for leg in [Leg::Inner, Leg::Outer] {
+        let mut c = controller("hold");
+        c.reset(&state(leg, [0.1, -0.2, 0.0, 0.0]), &Snapshot::default());
+        let sign = if leg == Leg::Inner { 1.0 } else { -1.0 };
+        assert!((torque(&mut c, &state(leg, [0.11, -0.2, 0.0, 0.0])) + sign * 200.0 * 0.01).abs() < 1e-9);
+        assert!((torque(&mut c, &state(leg, [0.1, -0.2, 0.3, 0.0])) + sign * 20.0 * 0.3).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn toes_are_out_on_the_leg_that_stands() {
+    let mut c = controller("idle");
+    let toe = config(&[]).robot.toe;
+    let lengths = c.step(Stamp(0), &state(Leg::Outer, [0.0; 4]), &Snapshot::default()).toe_position_m;
+    let want = [toe.retracted_m, toe.retracted_m, toe.extended_m, toe.extended_m];
+    assert_eq!(lengths.map(f64::to_bits), want.map(f64::to_bits));
+}
+
+#[test]
+fn stiff_spring_in_the_model_leaves_the_gain_of_the_rigid_robot() {
+    let spring = |k: f64| {
+        let key = format!(
+            "robot.model.hip_elasticity={{ stiffness_nm_rad = {k:?}, damping_nm_s_rad = 2.0, rotor_inertia_kg_m2 = 0.09 }}"
+        );
+        balance_gain(&config(&[&key]), Leg::Inner).unwrap().0
+    };
+    // Rigid: the angle between the legs is the rotor's, so gains on both add up.
+    let rigid = balance_gain(&config(&[]), Leg::Inner).unwrap().0;
+    let fold = |k: [f64; 6]| [k[0] + k[2], k[1] - k[2], k[3] + k[5], k[4] - k[5]];
+    let distance = |k: f64| {
+        let folded = fold(spring(k));
+        fold(rigid).iter().zip(folded).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    assert!(distance(377.0) < 40.0 && distance(100_000.0) < 0.5, "{} {}", distance(377.0), distance(100_000.0));
+}

@@ -1,0 +1,111 @@
+//! Leg angle from gyro and accelerometer: a complementary filter, for an IMU that streams no attitude. RT: yes.
+//!
+//! Fast motion comes from the gyro, the slow part from the direction of the specific force. While the robot falls
+//! freely about its toe the accelerometer near the hip sees hardly any tilt (the acceleration hides gravity), so its
+//! share must be slow; what error remains at low frequency is learnt by [`super::bias`].
+
+use crate::base::time::Stamp;
+use crate::msg::ImuSample;
+
+/// Specific force below this (in g) says nothing about down.
+const LEAST_FORCE_G: f64 = 0.5;
+/// Longest gap between samples that the gyro bridges, s.
+const LONGEST_GAP_S: f64 = 0.05;
+
+/// Pitch by complementary filter, in the IMU's own sense.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Attitude {
+    time_s: f64,
+    pitch_rad: Option<f64>,
+    last: Stamp,
+}
+
+impl Attitude {
+    /// Gyro above `1/time_s`, accelerometer below.
+    pub(super) const fn new(time_s: f64) -> Self {
+        Self { time_s, pitch_rad: None, last: Stamp::NEVER }
+    }
+
+    /// Forgets everything.
+    pub(super) const fn reset(&mut self) {
+        self.pitch_rad = None;
+        self.last = Stamp::NEVER;
+    }
+
+    /// Takes a sample (again, if it is the same) and says the pitch at its time. `None` until one told where down is.
+    pub(super) fn update(&mut self, sample: &ImuSample) -> Option<f64> {
+        let dt_s = sample.stamp.since(self.last).as_s();
+        let down = pitch_by_force(sample.accel_g);
+        self.pitch_rad = match self.pitch_rad {
+            Some(pitch) if dt_s <= 0.0 => Some(pitch),
+            Some(pitch) if dt_s <= LONGEST_GAP_S => {
+                let turned = pitch + sample.rate_rad_s[1] * dt_s;
+                let share = dt_s / (self.time_s + dt_s);
+                Some(down.map_or(turned, |d| turned + share * (d - turned)))
+            }
+            _ => down,
+        };
+        self.last = sample.stamp;
+        self.pitch_rad
+    }
+}
+
+/// Pitch from the specific force, axes forward, right, down: at rest and level it is (0, 0, -1) g.
+fn pitch_by_force([x, y, z]: [f64; 3]) -> Option<f64> {
+    let size = libm::sqrt(x * x + y * y + z * z);
+    (size > LEAST_FORCE_G && size.is_finite()).then(|| libm::atan2(x, -z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::time::Span;
+
+    fn sample(k: i64, pitch: f64, rate: f64) -> ImuSample {
+        let (s, c) = libm::sincos(pitch);
+        ImuSample {
+            stamp: Stamp(0) + Span::from_ms(k),
+            rate_rad_s: [0.0, rate, 0.0],
+            accel_g: [s, 0.0, -c],
+            ..ImuSample::default()
+        }
+    }
+
+    #[test]
+    fn at_rest_it_is_the_direction_of_gravity() {
+        let mut filter = Attitude::new(2.0);
+        for k in 0..100 {
+            assert!((filter.update(&sample(k, 0.3, 0.0)).unwrap() - 0.3).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn fast_motion_comes_from_the_gyro_even_if_the_force_lies() {
+        let mut filter = Attitude::new(5.0);
+        filter.update(&sample(0, 0.0, 0.0));
+        let mut last = 0.0;
+        for k in 1..=100 {
+            // The accelerometer says upright throughout; the gyro 1 rad/s for .1 s.
+            last = filter.update(&sample(k, 0.0, 1.0)).unwrap();
+        }
+        assert!((last - 0.1).abs() < 2e-3);
+    }
+
+    #[test]
+    fn gyro_bias_costs_bias_times_time_constant_and_no_more() {
+        let mut filter = Attitude::new(2.0);
+        let mut last = 0.0;
+        for k in 0..20_000 {
+            last = filter.update(&sample(k, 0.1, 0.01)).unwrap();
+        }
+        assert!((last - 0.1 - 0.02).abs() < 1e-4);
+    }
+
+    #[test]
+    fn same_sample_twice_changes_nothing() {
+        let mut filter = Attitude::new(2.0);
+        filter.update(&sample(0, 0.1, 0.0));
+        let once = filter.update(&sample(1, 0.1, 3.0));
+        assert_eq!(filter.update(&sample(1, 0.1, 3.0)), once);
+    }
+}

@@ -1,0 +1,106 @@
+//! Leg angles from the snapshot, forwarded to the tick's instant. RT: yes.
+
+use super::attitude::Attitude;
+use crate::base::time::{Span, Stamp};
+use crate::config::checked::Robot;
+use crate::msg::{Leg, Snapshot};
+
+/// Time constant of the hip rate by differences, s: only used until the observer starts.
+const DIFFERENCE_TIME_S: f64 = 0.02;
+
+/// Angles and rates of both legs now, rad and rad/s: inner, outer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Measured {
+    pub(super) angle_rad: [f64; 2],
+    pub(super) rate_rad_s: [f64; 2],
+}
+
+impl Measured {
+    /// `[θs, θw, θ̇s, θ̇w]`.
+    pub(super) const fn stance_first(&self, stance: Leg) -> [f64; 4] {
+        let ([inner, outer], [inner_rate, outer_rate]) = (self.angle_rad, self.rate_rad_s);
+        match stance {
+            Leg::Inner => [inner, outer, inner_rate, outer_rate],
+            Leg::Outer => [outer, inner, outer_rate, inner_rate],
+        }
+    }
+}
+
+/// Turns snapshots to angles.
+#[derive(Clone, Debug)]
+pub(super) struct Sensors {
+    attitude: Attitude,
+    imu_sign: f64,
+    imu_offset_rad: f64,
+    imu_age: Span,
+    hip_age: Span,
+    hip: Option<HipRate>,
+}
+
+/// Hip angle of the last call and its filtered rate.
+#[derive(Clone, Copy, Debug)]
+struct HipRate {
+    stamp: Stamp,
+    angle_rad: f64,
+    rate_rad_s: f64,
+}
+
+impl Sensors {
+    pub(super) fn new(robot: &Robot, attitude_time_s: f64) -> Self {
+        Self {
+            attitude: Attitude::new(attitude_time_s),
+            imu_sign: robot.imu.sign,
+            imu_offset_rad: robot.imu.offset_rad,
+            imu_age: robot.limits.imu_age,
+            hip_age: robot.limits.drive_age,
+            hip: None,
+        }
+    }
+
+    pub(super) fn reset(&mut self) {
+        self.attitude.reset();
+        self.hip = None;
+    }
+
+    /// Both legs at the tick's time, the attitude less `bias_rad`. `None` while a source is silent or too old.
+    ///
+    /// Samples are forwarded by their age at their own rate (gyro, filtered difference): some ms of latency cost .1° at
+    /// the rates of a recovery.
+    pub(super) fn measure(&mut self, s: &Snapshot, bias_rad: f64) -> Option<Measured> {
+        if s.imu_age > self.imu_age || s.hip_age > self.hip_age {
+            self.reset();
+            return None;
+        }
+        let leg_rad = self.leg_angle_rad(s)?;
+        let hip_rate = self.hip_rate_rad_s(s);
+        let inner = leg_rad + s.leg_rate_rad_s * s.imu_age.as_s() - bias_rad;
+        let hip = s.hip_angle_rad + hip_rate * s.hip_age.as_s();
+        Some(Measured { angle_rad: [inner, inner - hip], rate_rad_s: [s.leg_rate_rad_s, s.leg_rate_rad_s - hip_rate] })
+    }
+
+    fn leg_angle_rad(&mut self, s: &Snapshot) -> Option<f64> {
+        if s.imu.has_attitude {
+            return Some(s.leg_angle_rad);
+        }
+        self.attitude.update(&s.imu).map(|pitch| self.imu_offset_rad + self.imu_sign * pitch)
+    }
+
+    /// Filtered difference of the hip angle; holds between samples.
+    fn hip_rate_rad_s(&mut self, s: &Snapshot) -> f64 {
+        let stamp = s.stamp - s.hip_age;
+        let next = match self.hip {
+            Some(last) if stamp > last.stamp => {
+                let dt_s = stamp.since(last.stamp).as_s();
+                let raw = (s.hip_angle_rad - last.angle_rad) / dt_s;
+                let share = dt_s / (DIFFERENCE_TIME_S + dt_s);
+                let rate_rad_s = last.rate_rad_s + share * (raw - last.rate_rad_s);
+                HipRate { stamp, angle_rad: s.hip_angle_rad, rate_rad_s }
+            }
+            Some(last) => last,
+            None => HipRate { stamp, angle_rad: s.hip_angle_rad, rate_rad_s: 0.0 },
+        };
+        // A reading that is not finite must not stay in the filter: safety latches it, and the next start is clean.
+        self.hip = next.rate_rad_s.is_finite().then_some(next);
+        next.rate_rad_s
+    }
+}
