@@ -7,6 +7,7 @@
 
 mod check_config;
 pub mod config_args;
+mod inspect;
 mod outcome;
 pub mod progress;
 mod score;
@@ -35,6 +36,7 @@ struct Cli {
 enum Command {
     Score(score::Args),
     CheckConfig(check_config::Args),
+    Inspect(inspect::Args),
 }
 
 impl Run for Command {
@@ -42,6 +44,7 @@ impl Run for Command {
         match self {
             Self::Score(args) => args.run(),
             Self::CheckConfig(args) => args.run(),
+            Self::Inspect(args) => args.run(),
         }
     }
 }

@@ -6,9 +6,11 @@
 //! - [`replay`]: the same inputs through the tick once more, compared bit by bit; [`inspect`]: what is in a file.
 
 pub mod cdr;
+pub mod inspect;
 pub mod log_file;
 pub mod reader;
 pub mod recorder;
+pub mod replay;
 pub mod scan;
 pub mod schema;
 pub mod storage;
@@ -16,3 +18,6 @@ pub mod stream;
 
 pub use reader::{ReadError, Reader};
 pub use recorder::{RecordError, Recorder};
+
+#[cfg(test)]
+mod disaster;

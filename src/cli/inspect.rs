@@ -1,0 +1,124 @@
+//! `compass inspect`: what is in a recording. RT: no.
+
+use super::{Outcome, Run};
+use crate::base::time::Stamp;
+use crate::msg::{Fault, RecorderState};
+use crate::record::inspect::{Event, Inspection, inspect};
+use crate::record::scan::Ending;
+use crate::record::stream::Stream;
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+/// Shows what is in a recording: streams, rates, gaps, drops, faults, configuration.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  compass inspect compass-2026-11-20T23-41-24Z.mcap
+  compass inspect REC --config > robot.toml    the recorded configuration, usable as --config
+
+Exit codes: 0 whole and without faults, 1 torn, drops, gaps or faults, 3 not readable.")]
+pub(crate) struct Args {
+    /// The recording
+    #[arg(value_name = "REC")]
+    recording: PathBuf,
+    /// Prints the configuration it was made with, nothing else
+    #[arg(long)]
+    config: bool,
+    /// Most events to show
+    #[arg(long, value_name = "N", default_value_t = 30)]
+    events: usize,
+}
+
+impl Run for Args {
+    fn run(self) -> anyhow::Result<Outcome> {
+        let found = inspect(&self.recording)?;
+        let mut out = io::stdout().lock();
+        if self.config {
+            let text = found.about.config_text.as_deref();
+            out.write_all(text.ok_or_else(|| anyhow::anyhow!("the recording holds no configuration"))?.as_bytes())?;
+            return Ok(Outcome::Fine);
+        }
+        write_about(&mut out, &found)?;
+        write_streams(&mut out, &found)?;
+        write_losses(&mut out, &found)?;
+        write_events(&mut out, &found, self.events)?;
+        Ok(if found.has_findings() { Outcome::Finding } else { Outcome::Fine })
+    }
+}
+
+fn write_about(out: &mut impl Write, found: &Inspection) -> io::Result<()> {
+    let word = |name| found.about.program(name).unwrap_or("unknown");
+    writeln!(out, "program   compass {}, sha256 {}", word("version"), word("binary_sha256"))?;
+    writeln!(out, "config    sha256 {}", word("config_sha256"))?;
+    match found.ending {
+        Some(Ending::Whole) => writeln!(out, "file      whole"),
+        Some(Ending::Torn { at }) => writeln!(out, "file      TORN at byte {at}: its writer was killed or lost power"),
+        Some(Ending::Damaged { at }) => writeln!(out, "file      DAMAGED at byte {at}"),
+        None => Ok(()),
+    }
+}
+
+fn write_streams(out: &mut impl Write, found: &Inspection) -> io::Result<()> {
+    writeln!(out, "\nstream       messages   rate Hz   from s     to s   longest gap ms   at s")?;
+    for (stream, figures) in Stream::ALL.into_iter().zip(&found.streams) {
+        let Some((first, last)) = figures.span else {
+            writeln!(out, "{:10} {:10}", stream.name(), 0)?;
+            continue;
+        };
+        let rate = figures.rate_hz().map_or_else(|| "-".into(), |hz| format!("{hz:.1}"));
+        let (name, count) = (stream.name(), figures.count);
+        let (gap_ms, gap_s) = (figures.longest_gap.as_us() * 1e-3, since_start(found, figures.gap_at));
+        let (first, last) = (since_start(found, first), since_start(found, last));
+        writeln!(out, "{name:10} {count:10} {rate:>9} {first:8.3} {last:8.3} {gap_ms:16.3} {gap_s:6.3}")?;
+    }
+    Ok(())
+}
+
+/// Seconds since the first tick.
+fn since_start(found: &Inspection, stamp: Stamp) -> f64 {
+    let start = found.streams[Stream::Tick as usize].span.map_or(Stamp(0), |(first, _)| first);
+    stamp.since(start).as_s()
+}
+
+fn write_losses(out: &mut impl Write, found: &Inspection) -> io::Result<()> {
+    writeln!(out)?;
+    if let Some((first, last)) = found.ticks {
+        writeln!(out, "ticks     {first} to {last}, {} missing", found.missing_ticks)?;
+    }
+    if let Some(recorder) = found.recorder {
+        let state = if recorder.state == RecorderState::Recording { "" } else { recorder.state.name() };
+        writeln!(out, "recorder  {} dropped, at most {} waiting {state}", recorder.dropped, recorder.queue_peak)?;
+    }
+    writeln!(out, "inputs    {} frames and IMU messages lost before the tick", found.input_drops)?;
+    if let Some(status) = found.status {
+        writeln!(
+            out,
+            "loop      {} ticks, {} periods skipped, {} faults",
+            status.ticks, status.overruns, status.faults
+        )?;
+    }
+    Ok(())
+}
+
+fn write_events(out: &mut impl Write, found: &Inspection, most: usize) -> io::Result<()> {
+    writeln!(out, "\nevents")?;
+    for (stamp, event) in found.events.iter().take(most) {
+        writeln!(out, "{:10.3} s  {}", since_start(found, *stamp), describe(event))?;
+    }
+    let more = found.events.len().saturating_sub(most) as u64 + found.more_events;
+    if more > 0 {
+        writeln!(out, "           and {more} more")?;
+    }
+    Ok(())
+}
+
+fn describe(event: &Event) -> String {
+    match event {
+        Event::Mode(mode) => format!("mode {}", mode.name()),
+        Event::Fault(Fault { code, index, value, .. }) => {
+            format!("fault {} {}: index {index}, value {value}", *code as u8, code.name())
+        }
+        Event::MissingTicks(expected, came) => format!("recording misses ticks {expected} to {}", came - 1),
+        Event::Overrun(periods) => format!("{periods} periods skipped"),
+    }
+}
