@@ -11,6 +11,7 @@ mod inspect;
 mod outcome;
 pub mod progress;
 mod score;
+mod trial;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -35,6 +36,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Score(score::Args),
+    Trial(trial::Args),
     CheckConfig(check_config::Args),
     Inspect(inspect::Args),
 }
@@ -43,6 +45,7 @@ impl Run for Command {
     fn run(self) -> anyhow::Result<Outcome> {
         match self {
             Self::Score(args) => args.run(),
+            Self::Trial(args) => args.run(),
             Self::CheckConfig(args) => args.run(),
             Self::Inspect(args) => args.run(),
         }

@@ -53,7 +53,7 @@ impl Run for Args {
             limit: Duration::from_secs(self.limit_s),
             reuse: self.reuse,
         };
-        let rows = score(&runner, &cases, &self.truth);
+        let rows = score(&runner, &cases, &diagnose(&runner, &cases), &self.truth);
         if self.answers.is_none() {
             // A folder that stays behind is no reason to lose the table.
             std::fs::remove_dir_all(&scratch).unwrap_or_default();
@@ -62,8 +62,8 @@ impl Run for Args {
     }
 }
 
-/// Runs and marks all cases, telling of each on stderr.
-pub(super) fn score(runner: &Runner, cases: &[PathBuf], truth: &Path) -> Vec<Row> {
+/// Diagnoses all cases, telling of failures on stderr.
+pub(super) fn diagnose(runner: &Runner, cases: &[PathBuf]) -> Vec<RunEnd> {
     let bar = progress::bar(cases.len() as u64, "diagnosing");
     let ends = runner.run_all(cases, |case, end| {
         if let RunEnd::Failed(why) = end {
@@ -72,7 +72,12 @@ pub(super) fn score(runner: &Runner, cases: &[PathBuf], truth: &Path) -> Vec<Row
         bar.inc(1);
     });
     bar.finish_and_clear();
-    cases.iter().zip(&ends).map(|(case, end)| row(case, &runner.answer_of(case), truth, end)).collect()
+    ends
+}
+
+/// Marks all cases.
+pub(super) fn score(runner: &Runner, cases: &[PathBuf], ends: &[RunEnd], truth: &Path) -> Vec<Row> {
+    cases.iter().zip(ends).map(|(case, end)| row(case, &runner.answer_of(case), truth, end)).collect()
 }
 
 /// Prints the tables; `Fine` if every case is right.

@@ -5,7 +5,9 @@
 //! RT: no.
 
 pub mod candidates;
+pub mod generator;
 pub mod score;
 pub mod screen;
 pub mod sentence;
+pub mod trial;
 pub mod verdict;

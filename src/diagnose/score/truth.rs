@@ -45,6 +45,9 @@ pub struct Simulated {
     /// Detectability class: `null`, `easy`, `medium`, `hard`.
     #[serde(default)]
     pub bin: String,
+    /// How the case was made, for people.
+    #[serde(default)]
+    pub note: String,
     /// What was hidden; empty in a healthy case.
     pub effects: Vec<Hidden>,
     /// What could be gained on recordings never fitted.

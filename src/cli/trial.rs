@@ -1,0 +1,139 @@
+//! `compass trial`: hides physics in simulated recordings, diagnoses them without access to the truth, scores. RT: no.
+
+use std::io::{Read, Write};
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use anyhow::{Context, bail};
+
+use super::score::{diagnose, find_cases, print, score};
+use super::{Outcome, Run, progress};
+use crate::diagnose::generator::Recipe;
+use crate::diagnose::score::Runner;
+use crate::diagnose::trial::{Key, TrialFolder, hex, key_of};
+
+/// Prove the diagnosis on concealed physics: draw, seal, diagnose, open, score.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  compass trial --cases 60 --seed 7 --out /tmp/trial
+  compass trial --write-only --healthy --cases 100 --seed 1 --out /tmp/healthy   (cases and open truth, for calibration)")]
+pub(crate) struct Args {
+    /// Number of cases.
+    #[arg(long, default_value_t = 30)]
+    cases: usize,
+    /// Seed of everything that is drawn.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Where cases, answers and truth go.
+    #[arg(long, default_value = "trial")]
+    out: PathBuf,
+    /// Diagnoses at the same time.
+    #[arg(long, default_value_t = 2)]
+    jobs: usize,
+    /// Length of every recording, s.
+    #[arg(long, default_value_t = 6.0)]
+    seconds: f64,
+    /// Only healthy cases.
+    #[arg(long, conflicts_with = "ill")]
+    healthy: bool,
+    /// Only cases with hidden effects.
+    #[arg(long)]
+    ill: bool,
+    /// Write cases and their truth in the open, diagnose nothing.
+    #[arg(long)]
+    write_only: bool,
+    /// Stop a diagnosis after so many seconds.
+    #[arg(long, default_value_t = 180)]
+    limit_s: u64,
+    /// Write the table here as well.
+    #[arg(long)]
+    table: Option<PathBuf>,
+    /// Be the generating process: the key comes on standard input.
+    #[arg(long, hide = true)]
+    generate: bool,
+}
+
+impl Run for Args {
+    fn run(self) -> anyhow::Result<Outcome> {
+        let trial = TrialFolder::new(&self.out);
+        if self.generate {
+            return self.generate(&trial, read_key()?);
+        }
+        let key = fresh_key()?;
+        self.spawn_generator(key)?;
+        let published = trial.published_hash()?;
+        if self.write_only {
+            trial.open(key, &published)?;
+            writeln!(std::io::stdout(), "{} cases in {}", self.cases, trial.cases().display())?;
+            return Ok(Outcome::Fine);
+        }
+        writeln!(std::io::stdout(), "sha256 of the sealed truth: {published}")?;
+        let cases = find_cases(&trial.cases(), None)?;
+        let runner = Runner {
+            program: std::env::current_exe().context("path of this program")?,
+            answers: trial.answers(),
+            jobs: self.jobs,
+            limit: Duration::from_secs(self.limit_s),
+            reuse: false,
+        };
+        // All answers exist before the seal is opened.
+        let ends = diagnose(&runner, &cases);
+        trial.open(key, &published)?;
+        print(&score(&runner, &cases, &ends, &trial.truth()), self.table.as_deref())
+    }
+}
+
+impl Args {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "seconds were checked")]
+    fn recipe(&self) -> anyhow::Result<Recipe> {
+        if !(2.0..=600.0).contains(&self.seconds) {
+            bail!("--seconds {}: between 2 and 600", self.seconds);
+        }
+        let healthy = match (self.healthy, self.ill) {
+            (true, _) => Some(true),
+            (_, true) => Some(false),
+            _ => None,
+        };
+        Ok(Recipe { rows: (self.seconds / 0.0025) as usize, healthy })
+    }
+
+    fn generate(&self, trial: &TrialFolder, key: Key) -> anyhow::Result<Outcome> {
+        trial.make(self.cases, self.seed, self.recipe()?, key)?;
+        Ok(Outcome::Fine)
+    }
+
+    /// A process of its own draws the truth: this one learns it when the seal is opened.
+    fn spawn_generator(&self, key: Key) -> anyhow::Result<()> {
+        if self.out.exists() && self.out.read_dir()?.next().is_some() {
+            bail!("{}: not empty; a trial wants a folder of its own", self.out.display());
+        }
+        self.recipe()?;
+        let mut command = Command::new(std::env::current_exe().context("path of this program")?);
+        command.args(["trial", "--generate", "--cases", &self.cases.to_string(), "--seed", &self.seed.to_string()]);
+        command.args(["--seconds", &self.seconds.to_string(), "--out"]).arg(&self.out);
+        command.args(self.healthy.then_some("--healthy")).args(self.ill.then_some("--ill"));
+        let spinner = progress::spinner("drawing and simulating the cases");
+        let mut child = command.stdin(Stdio::piped()).spawn().context("starting the generator")?;
+        child.stdin.take().context("the generator's input")?.write_all(hex(&key).as_bytes())?;
+        let status = child.wait()?;
+        spinner.finish_and_clear();
+        if !status.success() {
+            bail!("the generator ended with {status}");
+        }
+        Ok(())
+    }
+}
+
+fn read_key() -> anyhow::Result<Key> {
+    let mut digits = String::new();
+    std::io::stdin().read_to_string(&mut digits)?;
+    key_of(digits.trim()).context("a key of 64 hexadecimal digits")
+}
+
+fn fresh_key() -> anyhow::Result<Key> {
+    let mut key = [0; 32];
+    std::fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut key)).context("/dev/urandom")?;
+    Ok(key)
+}

@@ -1,0 +1,348 @@
+//! One case: a rig, programs, perhaps hidden effects at a drawn visibility, concealed at one of five levels. RT: no.
+
+use super::dice::{Dice, NoiseKind, noise};
+use super::effect::{self, Effect, OUTSIDE};
+use super::experiment::{Physics, ROW_S, Recording, record};
+use super::program::{self, Program};
+use super::refit::{detectability, refit};
+use super::rig::{self, Kind, Rig};
+
+/// Two recordings are fitted, one is held out.
+const RECORDINGS: usize = 3;
+/// Draws of an effect before another one is tried.
+const TRIES: usize = 6;
+/// Visibility of hidden effects, in squared noise deviations that a re-fit leaves: log-evenly between these.
+const VISIBILITY: [f64; 2] = [4e3, 4e5];
+/// An alternative that leaves less than this cannot be told apart: five standard deviations.
+const SAME: f64 = 25.0;
+
+/// How an effect is concealed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Level {
+    /// True parameters are published.
+    True,
+    /// They are off by up to 20 %.
+    Off,
+    /// They are re-fitted to the recordings, so that they hide the effect.
+    Refitted,
+    /// Re-fitted; closed loop, low excitation.
+    Gentle,
+    /// Re-fitted; a second effect, or outliers, or lost rows.
+    Crowded,
+}
+
+impl Level {
+    const ALL: [Self; 5] = [Self::True, Self::Off, Self::Refitted, Self::Gentle, Self::Crowded];
+
+    /// Name on the design page.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::True => "C0",
+            Self::Off => "C1",
+            Self::Refitted => "C2",
+            Self::Gentle => "C3",
+            Self::Crowded => "C4",
+        }
+    }
+}
+
+/// What makes the recordings worse without being physics.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Nuisance {
+    /// Part of the readings that are 20 noise deviations off.
+    pub outliers: f64,
+    /// Part of the rows whose readings are missing.
+    pub dropouts: f64,
+}
+
+/// A complete case with its truth.
+pub(super) struct Case {
+    /// Rig with true values and what is hidden.
+    pub physics: Physics,
+    /// Values as published.
+    pub published: Rig,
+    /// Level of concealment.
+    pub level: Level,
+    /// Recordings with the truth of every row.
+    pub recordings: Vec<Recording>,
+    /// Readings as written: noise, grid; NaN for a missing one.
+    pub readings: Vec<Vec<Vec<f64>>>,
+    /// For each effect the answers that are right: id and place.
+    pub accepted: Vec<Vec<(String, String)>>,
+    /// Visibility of the hidden effects together.
+    pub visibility: f64,
+    /// Per held-out sensor: re-fitted and floor, as part of the deviation of its signal.
+    pub heldout: Vec<[f64; 2]>,
+    /// Kind of noise.
+    pub noise: NoiseKind,
+    /// Nuisances.
+    pub nuisance: Nuisance,
+}
+
+/// What a trial is asked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Recipe {
+    /// Rows per recording, 2.5 ms each.
+    pub rows: usize,
+    /// `Some(true)`: only healthy cases; `Some(false)`: only effects; `None`: a third healthy.
+    pub healthy: Option<bool>,
+}
+
+/// Draws one case.
+pub(super) fn draw(dice: &mut Dice, recipe: Recipe) -> Case {
+    let healthy = recipe.healthy.unwrap_or_else(|| dice.chance(1.0 / 3.0));
+    let kinds = [Kind::Pendulum, Kind::Pendulum, Kind::Rotor, Kind::Slider, Kind::Double, Kind::Biped];
+    loop {
+        let kind = *dice.pick(&kinds);
+        let rig = rig::draw(dice, kind);
+        let level = if healthy { *dice.pick(&Level::ALL[..2]) } else { *dice.pick(&Level::ALL) };
+        let programs: Vec<Vec<Program>> =
+            (0..RECORDINGS).map(|_| program::draw(dice, &rig, level == Level::Gentle)).collect();
+        let lab = Lab { rig, programs, rows: recipe.rows };
+        if let Some(effects) = hide(dice, &lab, level, healthy) {
+            return finish(dice, &lab, level, effects);
+        }
+    }
+}
+
+/// A rig and how it is excited.
+struct Lab {
+    rig: Rig,
+    programs: Vec<Vec<Program>>,
+    rows: usize,
+}
+
+impl Lab {
+    fn physics(&self, effects: &[Effect]) -> Physics {
+        Physics { rig: self.rig.clone(), effects: effects.to_vec() }
+    }
+
+    fn record(&self, effects: &[Effect]) -> Vec<Recording> {
+        let physics = self.physics(effects);
+        let one = |(i, programs): (usize, &Vec<Program>)| record(&physics, programs, i, i + 1 == RECORDINGS, self.rows);
+        self.programs.iter().enumerate().map(one).collect()
+    }
+
+    /// Squared noise deviations that re-fitting the healthy base leaves of these effects.
+    fn visibility(&self, effects: &[Effect]) -> f64 {
+        let recordings = self.record(effects);
+        let fit: Vec<&Recording> = recordings.iter().filter(|r| !r.heldout).collect();
+        let signals: Vec<&[Vec<f64>]> = fit.iter().map(|r| r.clean.as_slice()).collect();
+        detectability(&self.physics(&[]), &fit, &signals)
+    }
+
+    /// Is the motion of a kind that a laboratory would keep: finite, moving, not spinning away?
+    fn is_sane(&self, recordings: &[Recording]) -> bool {
+        let scale = effect::scales(&self.rig);
+        let moves = |recording: &Recording| {
+            let signal = &recording.clean[0];
+            let mean = signal.iter().sum::<f64>() / signal.len() as f64;
+            let spread = signal.iter().map(|x| (x - mean).abs()).fold(0.0, f64::max);
+            spread.is_finite() && spread > 0.05 * scale.angle && spread < 12.0 * scale.angle
+        };
+        recordings.iter().all(moves)
+    }
+}
+
+/// Draws the effects of a case at their visibility; `None` if this rig and programs cannot show any.
+fn hide(dice: &mut Dice, lab: &Lab, level: Level, healthy: bool) -> Option<Vec<Effect>> {
+    if !lab.is_sane(&lab.record(&[])) {
+        return None;
+    }
+    if healthy {
+        return Some(Vec::new());
+    }
+    let outside = level != Level::Crowded && dice.chance(0.1);
+    let mut effects = vec![visible(dice, lab, outside, None)?];
+    if level == Level::Crowded && dice.chance(0.5) {
+        let first = effects[0].id;
+        effects.push(visible(dice, lab, false, Some(first))?);
+    }
+    lab.is_sane(&lab.record(&effects)).then_some(effects)
+}
+
+fn visible(dice: &mut Dice, lab: &Lab, outside: bool, not: Option<&str>) -> Option<Effect> {
+    let wanted = dice.log_between(VISIBILITY[0], VISIBILITY[1]);
+    let duration_s = lab.rows as f64 * ROW_S;
+    for _ in 0..TRIES {
+        let of = if outside { outside_of(&lab.rig) } else { effect::candidates(&lab.rig) };
+        let id = *dice.pick(&of);
+        if not == Some(id) {
+            continue;
+        }
+        let effect = effect::draw(dice, &lab.rig, id, duration_s);
+        if let Some(effect) = at_visibility(lab, &effect, wanted) {
+            return Some(effect);
+        }
+    }
+    None
+}
+
+fn outside_of(rig: &Rig) -> Vec<&'static str> {
+    // A shaken base moves nothing that has no weight on an arm.
+    OUTSIDE.into_iter().filter(|id| rig.kind != Kind::Rotor || *id != "base_vibration").collect()
+}
+
+/// Scales an effect until its visibility is within a factor 1.6 of what is wanted; visibility grows about with the
+/// square of the strength.
+fn at_visibility(lab: &Lab, effect: &Effect, wanted: f64) -> Option<Effect> {
+    let mut factor = 1.0;
+    for _ in 0..5 {
+        let scaled = effect.stronger(factor);
+        let seen = lab.visibility(std::slice::from_ref(&scaled));
+        if seen.is_finite() && (wanted / 1.6..wanted * 1.6).contains(&seen) {
+            return Some(scaled).filter(|effect| effect.is_plausible(&lab.rig));
+        }
+        let miss = if seen.is_finite() { wanted / seen.max(1.0) } else { 1e-2 };
+        factor *= libm::sqrt(miss).clamp(0.1, 10.0);
+        if !(1e-3..1e3).contains(&factor) {
+            return None;
+        }
+    }
+    None
+}
+
+/// Twins by construction, and effects that may look the same in one set of recordings.
+fn lookalikes(id: &str) -> &'static [&'static str] {
+    match id {
+        "transport_delay" => &["actuator_lag"],
+        "actuator_lag" => &["transport_delay"],
+        "sensor_lag" => &["sensor_delay"],
+        "stribeck_friction" => &["quadratic_drag", "load_friction"],
+        "quadratic_drag" | "load_friction" => &["stribeck_friction"],
+        "parallel_spring" => &["torque_offset"],
+        "backlash" => &["joint_elasticity"],
+        _ => &[],
+    }
+}
+
+/// The effect itself and what is exactly the same in every recording (contract section 3).
+fn exact_twins(lab: &Lab, truth: &Effect) -> Vec<(String, String)> {
+    let mut accepted = vec![(truth.id.to_owned(), truth.at.clone())];
+    match truth.id {
+        "torque_offset" => accepted.push(("friction_asymmetry".to_owned(), truth.at.clone())),
+        "friction_asymmetry" => accepted.push(("torque_offset".to_owned(), truth.at.clone())),
+        "transport_delay" if lab.rig.sensors.len() == 1 => {
+            accepted.push(("sensor_delay".to_owned(), lab.rig.sensors[0].column.to_owned()));
+        }
+        _ => {}
+    }
+    accepted
+}
+
+/// The answers that are right: beside exact twins, what fits these recordings to within the noise.
+fn answers(lab: &Lab, truth: &Effect, fit: &[&Recording]) -> Vec<(String, String)> {
+    let mut accepted = exact_twins(lab, truth);
+    let recorded: Vec<&[Vec<f64>]> = fit.iter().map(|r| r.clean.as_slice()).collect();
+    for id in lookalikes(truth.id) {
+        let duration_s = lab.rows as f64 * ROW_S;
+        let mut other = effect::draw(&mut Dice::new(0, 0), &lab.rig, id, duration_s);
+        (other.index, other.at) = (truth.index, truth.at.clone());
+        if refit(&lab.physics(&[other]), fit, &recorded, true).chi2 < SAME {
+            accepted.push(((*id).to_owned(), truth.at.clone()));
+        }
+    }
+    accepted
+}
+
+fn finish(dice: &mut Dice, lab: &Lab, level: Level, effects: Vec<Effect>) -> Case {
+    let recordings = lab.record(&effects);
+    let nuisance = match (level, effects.len()) {
+        (Level::Crowded, 1) if dice.chance(0.5) => Nuisance { outliers: 0.004, dropouts: 0.0 },
+        (Level::Crowded, 1) => Nuisance { outliers: 0.0, dropouts: 0.02 },
+        _ => Nuisance::default(),
+    };
+    let kind = *dice.pick(&[NoiseKind::White, NoiseKind::White, NoiseKind::Coloured, NoiseKind::Heavy]);
+    let noisy: Vec<Vec<Vec<f64>>> = recordings.iter().map(|r| with_noise(dice, &lab.rig, r, kind)).collect();
+    let fit: Vec<&Recording> = recordings.iter().filter(|r| !r.heldout).collect();
+    let signals: Vec<&[Vec<f64>]> =
+        recordings.iter().zip(&noisy).filter(|(r, _)| !r.heldout).map(|(_, s)| s.as_slice()).collect();
+    let base = lab.physics(&[]);
+    let refitted = if effects.is_empty() { base.clone() } else { refit(&base, &fit, &signals, true).physics };
+    let published = match level {
+        Level::True => lab.rig.clone(),
+        Level::Off => off(dice, &lab.rig),
+        Level::Refitted | Level::Gentle | Level::Crowded => refitted.rig.clone(),
+    };
+    let accepted = effects.iter().map(|e| answers_or_unlisted(lab, e, &fit, effects.len())).collect();
+    let visibility = if effects.is_empty() { 0.0 } else { lab.visibility(&effects) };
+    let heldout = recoverable(&refitted, &recordings, &noisy);
+    let readings = noisy.iter().map(|signals| spoil(dice, &lab.rig, signals, nuisance)).collect();
+    let physics = lab.physics(&effects);
+    Case { physics, published, level, recordings, readings, accepted, visibility, heldout, noise: kind, nuisance }
+}
+
+fn answers_or_unlisted(lab: &Lab, effect: &Effect, fit: &[&Recording], count: usize) -> Vec<(String, String)> {
+    if effect.is_outside() {
+        Vec::new()
+    } else if count > 1 {
+        // Beside a second effect an alternative would have to be compared with both in place; only exact twins count.
+        exact_twins(lab, effect)
+    } else {
+        answers(lab, effect, fit)
+    }
+}
+
+/// Published values are rounded by whoever measured them: up to 20 % off.
+fn off(dice: &mut Dice, rig: &Rig) -> Rig {
+    let mut other = rig.clone();
+    for name in &rig.uncertain {
+        if let Some(value) = other.values.get_mut(name) {
+            *value *= 1.0 + dice.sign() * dice.between(0.05, 0.2);
+        }
+    }
+    other
+}
+
+fn with_noise(dice: &mut Dice, rig: &Rig, recording: &Recording, kind: NoiseKind) -> Vec<Vec<f64>> {
+    let each = recording.clean.iter().zip(&rig.sensors);
+    each.map(|(clean, sensor)| {
+        let noise = noise(dice, kind, clean.len());
+        let read = |(value, noise): (&f64, f64)| {
+            let value = value + sensor.noise * noise;
+            if sensor.quantum > 0.0 { (value / sensor.quantum).round() * sensor.quantum } else { value }
+        };
+        clean.iter().zip(noise).map(read).collect()
+    })
+    .collect()
+}
+
+fn spoil(dice: &mut Dice, rig: &Rig, signals: &[Vec<f64>], nuisance: Nuisance) -> Vec<Vec<f64>> {
+    let mut spoiled = signals.to_vec();
+    for (signal, sensor) in spoiled.iter_mut().zip(&rig.sensors) {
+        for value in signal.iter_mut() {
+            if dice.chance(nuisance.outliers) {
+                *value += dice.sign() * 20.0 * sensor.noise;
+            } else if dice.chance(nuisance.dropouts) {
+                *value = f64::NAN;
+            }
+        }
+    }
+    spoiled
+}
+
+/// Held-out errors of the re-fitted base and of the truth, over the deviation of each signal.
+fn recoverable(refitted: &Physics, recordings: &[Recording], noisy: &[Vec<Vec<f64>>]) -> Vec<[f64; 2]> {
+    let Some((recording, signals)) = recordings.iter().zip(noisy).find(|(r, _)| r.heldout) else { return Vec::new() };
+    let fit = refit(refitted, &[recording], &[signals], false);
+    let sensors = 0..signals.len();
+    sensors
+        .map(|sensor| {
+            let mut simulated = Vec::new();
+            for (window, start) in fit.starts.first().into_iter().flatten().enumerate() {
+                simulated.extend(super::experiment::free_run(&fit.physics, recording, window, *start)[sensor].iter());
+            }
+            let spread = deviation(&signals[sensor]);
+            [rms(&signals[sensor], &simulated) / spread, rms(&signals[sensor], &recording.clean[sensor]) / spread]
+        })
+        .collect()
+}
+
+fn rms(a: &[f64], b: &[f64]) -> f64 {
+    libm::sqrt(a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / a.len() as f64)
+}
+
+fn deviation(signal: &[f64]) -> f64 {
+    let mean = signal.iter().sum::<f64>() / signal.len() as f64;
+    libm::sqrt(signal.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / signal.len() as f64)
+}

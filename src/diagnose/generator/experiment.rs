@@ -1,0 +1,217 @@
+//! Recordings: the machine runs finely, its sensors read rows. RT: no.
+
+use std::ops::Range;
+
+use super::chain::Pair;
+use super::effect::{Effect, Reading};
+use super::machine::{Machine, State};
+use super::program::Program;
+use super::rig::{Rig, Sensor};
+
+/// Time between rows, s.
+pub(super) const ROW_S: f64 = 0.0025;
+
+/// Values and effects together: a complete description of the physics.
+#[derive(Debug, Clone)]
+pub(super) struct Physics {
+    /// Rig with the values to use.
+    pub rig: Rig,
+    /// What acts beyond it.
+    pub effects: Vec<Effect>,
+}
+
+impl Physics {
+    /// The machine in one recording; what happens once happens in the first.
+    fn machine(&self, recording: usize) -> Machine {
+        let rotor = self.effects.iter().map(Effect::rotor).sum();
+        let mut machine = self.rig.machine(rotor);
+        for effect in self.acting(recording) {
+            effect.apply(&mut machine);
+        }
+        machine
+    }
+
+    fn acting(&self, recording: usize) -> impl Iterator<Item = &Effect> {
+        self.effects.iter().filter(move |effect| !effect.once || recording == 0)
+    }
+
+    fn readings(&self, recording: usize) -> Vec<Reading> {
+        let mut readings = vec![Reading::default(); self.rig.sensors.len()];
+        for effect in self.acting(recording) {
+            for (i, reading) in readings.iter_mut().enumerate() {
+                effect.read(i, reading);
+            }
+        }
+        readings
+    }
+}
+
+/// One recording, without noise.
+#[derive(Debug, Clone)]
+pub(super) struct Recording {
+    /// Number within the case.
+    pub number: usize,
+    /// Never fitted.
+    pub heldout: bool,
+    /// Command per row, in units of the columns.
+    pub commands: Vec<Pair>,
+    /// Reading per sensor and row.
+    pub clean: Vec<Vec<f64>>,
+    /// Rows of each window.
+    pub windows: Vec<Range<usize>>,
+    /// Where the machine was at the start of each window.
+    pub starts: Vec<State>,
+    /// Rows where a torque limit acted.
+    pub limited: Vec<bool>,
+}
+
+/// What a run leaves behind.
+struct Trail {
+    /// Coordinates and rates at every fine step.
+    fine: Vec<(Pair, Pair)>,
+    /// States at the rows.
+    states: Vec<State>,
+    /// Fine steps per row.
+    per_row: usize,
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a row of the recording")]
+fn row_before(t: f64) -> usize {
+    (t / ROW_S + 1e-9).max(0.0) as usize
+}
+
+/// Torques of the motors at a time, from the rows that were commanded.
+fn motor(machine: &Machine, commands: &[Pair], t: f64) -> Pair {
+    let mut torque = [0.0; 2];
+    for (i, joint) in machine.joints.iter().enumerate() {
+        let row = row_before(t - joint.delay_s).min(commands.len() - 1);
+        let wanted = joint.gain * commands[row][i];
+        torque[i] = if joint.limit > 0.0 { wanted.clamp(-joint.limit, joint.limit) } else { wanted };
+    }
+    torque
+}
+
+/// Runs over `rows`; `command` may add the command of a row from the state there.
+fn run(
+    machine: &Machine,
+    mut state: State,
+    rows: Range<usize>,
+    commands: &mut Vec<Pair>,
+    command: impl Fn(f64, &State) -> Pair,
+) -> Trail {
+    let h = machine.step_s();
+    let per_row = row_before(ROW_S * ROW_S / h);
+    let mut trail =
+        Trail { fine: Vec::with_capacity(rows.len() * per_row), states: Vec::with_capacity(rows.len()), per_row };
+    for row in rows {
+        let start_s = row as f64 * ROW_S;
+        if row >= commands.len() {
+            commands.push(command(start_s, &state));
+        }
+        trail.states.push(state);
+        for i in 0..per_row {
+            let t = start_s + i as f64 * h;
+            trail.fine.push((state.q(), state.v()));
+            machine.step(&mut state, motor(machine, commands, t + 0.5 * h), t, h);
+        }
+    }
+    trail.fine.push((state.q(), state.v()));
+    trail
+}
+
+fn project(row: Pair, of: Pair) -> f64 {
+    row[0] * of[0] + row[1] * of[1]
+}
+
+/// What a sensor says at the rows of a run that began at `from_s`.
+fn read(trail: &Trail, sensor: &Sensor, reading: &Reading, from_s: f64) -> Vec<f64> {
+    let h = ROW_S / trail.per_row as f64;
+    let true_signal: Vec<f64> =
+        trail.fine.iter().map(|(q, v)| project(sensor.row, if sensor.is_rate { *v } else { *q })).collect();
+    let signal = lagged(true_signal, reading.lag_s, h);
+    let row = |k: usize| {
+        let t = from_s + k as f64 * ROW_S;
+        let taken = t / (1.0 + reading.skew) - reading.delay_s;
+        let value = between(&signal, (taken - from_s) / h);
+        let turned = reading.eccentric[0] * libm::sin(value + reading.eccentric[1]);
+        let lost = if reading.lost[0] != 0.0 && t >= reading.lost[1] { reading.lost[0] } else { 0.0 };
+        value * (1.0 + reading.scale) + turned + reading.bias + reading.drift * t + lost
+    };
+    (0..trail.states.len()).map(row).collect()
+}
+
+/// First-order lag, already following the ramp at the start.
+fn lagged(signal: Vec<f64>, lag_s: f64, h: f64) -> Vec<f64> {
+    if lag_s <= 0.0 || signal.len() < 2 {
+        return signal;
+    }
+    let keep = libm::exp(-h / lag_s);
+    let mut level = signal[0] - lag_s * (signal[1] - signal[0]) / h;
+    let follow = |value: f64| {
+        let now = level;
+        level = value + keep * (level - value);
+        now
+    };
+    signal.into_iter().map(follow).collect()
+}
+
+/// Between samples linearly; before the first along the first slope.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the samples")]
+fn between(signal: &[f64], place: f64) -> f64 {
+    let left = (place.floor().max(0.0) as usize).min(signal.len().saturating_sub(2));
+    let part = (place - left as f64).min(1.0);
+    signal[left] + part * (signal[left + 1] - signal[left])
+}
+
+/// Makes one recording of so many rows.
+pub(super) fn record(physics: &Physics, programs: &[Program], number: usize, heldout: bool, rows: usize) -> Recording {
+    let machine = physics.machine(number);
+    let mut q = [0.0; 2];
+    for (i, program) in programs.iter().enumerate() {
+        q[i] = program.start();
+    }
+    let command = |t: f64, state: &State| {
+        let mut u = [0.0; 2];
+        for (i, (program, joint)) in programs.iter().zip(&machine.joints).enumerate() {
+            let (angle, rate) = (project(joint.along, state.q()), project(joint.along, state.v()));
+            // Commands leave a controller with a finite number of digits.
+            u[i] = (program.torque(t, angle, rate) / joint.gain * 1e4).round() / 1e4;
+        }
+        u
+    };
+    let mut commands = Vec::with_capacity(rows);
+    let trail = run(&machine, machine.start(q, [0.0; 2]), 0..rows, &mut commands, command);
+    let readings = physics.readings(number);
+    let clean = physics.rig.sensors.iter().zip(&readings).map(|(s, r)| read(&trail, s, r, 0.0)).collect();
+    let windows = windows(rows, physics.rig.window_s);
+    let starts = windows.iter().map(|window| trail.states[window.start]).collect();
+    let limited = commands.iter().map(|u| is_limited(&machine, u)).collect();
+    Recording { number, heldout, commands, clean, windows, starts, limited }
+}
+
+fn is_limited(machine: &Machine, command: &Pair) -> bool {
+    machine.joints.iter().zip(command).any(|(joint, u)| joint.limit > 0.0 && (joint.gain * u).abs() > joint.limit)
+}
+
+/// Windows of the contract: a last piece shorter than half a window joins the one before.
+fn windows(rows: usize, window_s: f64) -> Vec<Range<usize>> {
+    let long = row_before(window_s);
+    let count = ((rows + long / 2) / long).max(1);
+    (0..count).map(|k| k * long..if k + 1 == count { rows } else { (k + 1) * long }).collect()
+}
+
+/// Free run of `physics` over one window, from a state, under the recorded commands; readings per sensor.
+pub(super) fn free_run(physics: &Physics, recording: &Recording, window: usize, start: State) -> Vec<Vec<f64>> {
+    let machine = physics.machine(recording.number);
+    let rows = recording.windows[window].clone();
+    let from_s = rows.start as f64 * ROW_S;
+    let mut commands = recording.commands.clone();
+    let mut start = start;
+    // The drive and the bristles are those of this machine, not of the one that was recorded.
+    let fresh = machine.start(start.q(), start.v());
+    start.y = fresh.y;
+    start.torque = motor(&machine, &commands, from_s);
+    let trail = run(&machine, start, rows, &mut commands, |_, _| [0.0; 2]);
+    let readings = physics.readings(recording.number);
+    physics.rig.sensors.iter().zip(&readings).map(|(s, r)| read(&trail, s, r, from_s)).collect()
+}

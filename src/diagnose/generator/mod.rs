@@ -1,0 +1,50 @@
+//! Makes cases with hidden physics, for trials. Shares no formula with `model` or `identify`.
+//!
+//! - [`chain`]: bodies on arms, projected; [`machine`]: LuGre friction, drives with springs and play, 10 or 20 kHz
+//! - [`rig`]: drawn machines; [`program`]: excitations; [`experiment`]: recordings; [`dice`]: seeded draws and noise
+//! - [`effect`]: what is hidden; [`refit`]: how visible it remains; [`case`]: five levels of concealment
+//! - [`files`]: the case and its truth on disk
+//!
+//! Limits: no walking (impacts need a controller of their own), no link flexibility, foot or ground effects.
+//! RT: no.
+
+mod case;
+mod chain;
+mod dice;
+mod effect;
+mod experiment;
+mod files;
+mod machine;
+mod program;
+mod refit;
+mod rig;
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::Path;
+
+use rayon::prelude::*;
+
+pub use case::Recipe;
+
+use super::score::Simulated;
+use dice::Dice;
+
+/// Writes `count` cases into `folder` and gives their truths by name. Names say nothing: they are numbers.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn write_cases(folder: &Path, count: usize, seed: u64, recipe: Recipe) -> io::Result<BTreeMap<String, Simulated>> {
+    (0..count)
+        .into_par_iter()
+        .map(|number| {
+            let name = format!("trial-{:03}", number + 1);
+            let case = case::draw(&mut Dice::new(seed, number as u64), recipe);
+            files::write(&case, &name, &folder.join(&name))?;
+            Ok((name, files::truth(&case)))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

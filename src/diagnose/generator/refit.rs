@@ -1,0 +1,209 @@
+//! What re-fitted parameters and initial states can absorb: the part of a hidden effect that remains visible is its
+//! detectability. Gauss-Newton with finite differences on the generator's own machine. RT: no.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::experiment::{Physics, Recording, free_run};
+use super::machine::State;
+
+/// Gauss-Newton rounds; the last ones change nothing any more on the cases looked at.
+const ROUNDS: usize = 4;
+/// A parameter changes at most by this factor per round.
+const STRIDE: f64 = 1.5;
+
+/// Base values (and values of an extra effect) that are free, and the initial states that go with them.
+#[derive(Debug, Clone)]
+pub(super) struct Fit {
+    /// Physics with the values found.
+    pub physics: Physics,
+    /// Initial state per recording and window.
+    pub starts: Vec<Vec<State>>,
+    /// Σ ((measured - simulated) / noise)² over all rows.
+    pub chi2: f64,
+}
+
+/// A free value: of the base by name, or of the extra effect by key.
+#[derive(Debug, Clone)]
+enum Free {
+    Base(String),
+    Extra(&'static str),
+}
+
+fn free_values(physics: &Physics) -> Vec<Free> {
+    let base = physics.rig.uncertain.iter().cloned().map(Free::Base);
+    let extra = physics.effects.iter().flat_map(|effect| effect.values.keys().map(|key| Free::Extra(key)));
+    base.chain(extra).collect()
+}
+
+fn scaled(physics: &Physics, free: &Free, factor: f64) -> Physics {
+    let mut other = physics.clone();
+    match free {
+        Free::Base(name) => {
+            if let Some(value) = other.rig.values.get_mut(name) {
+                *value *= factor;
+            }
+        }
+        Free::Extra(key) => {
+            for value in other.effects.iter_mut().filter_map(|effect| effect.values.get_mut(key)) {
+                *value *= factor;
+            }
+        }
+    }
+    other
+}
+
+/// One window with its sensitivities; rows of all sensors stacked, divided by their noise.
+struct Block {
+    residual: DVector<f64>,
+    states: DMatrix<f64>,
+    values: DMatrix<f64>,
+}
+
+/// A window's readings over the noise, stacked.
+fn stacked(physics: &Physics, readings: &[Vec<f64>]) -> DVector<f64> {
+    let each = readings.iter().zip(&physics.rig.sensors);
+    DVector::from_iterator(
+        readings.iter().map(Vec::len).sum(),
+        each.flat_map(|(signal, sensor)| {
+            let sigma = libm::sqrt(sensor.noise * sensor.noise + sensor.quantum * sensor.quantum / 12.0);
+            signal.iter().map(move |value| value / sigma)
+        }),
+    )
+}
+
+fn measured(recording: &Recording, signals: &[Vec<f64>], window: usize) -> Vec<Vec<f64>> {
+    let rows = recording.windows[window].clone();
+    signals.iter().map(|signal| signal[rows.clone()].to_vec()).collect()
+}
+
+fn nudged(start: &State, entry: usize, by: f64) -> State {
+    let mut other = *start;
+    other.y[entry] += by;
+    other
+}
+
+/// Entries of the state that are free: coordinates and rates.
+fn state_entries(physics: &Physics) -> &'static [usize] {
+    if physics.rig.joints.len() > 1 || physics.rig.sensors.iter().any(|s| s.row[1] != 0.0) {
+        &[0, 1, 2, 3]
+    } else {
+        &[0, 2]
+    }
+}
+
+fn block(
+    physics: &Physics,
+    recording: &Recording,
+    signals: &[Vec<f64>],
+    window: usize,
+    start: State,
+    free: &[Free],
+) -> Block {
+    let simulate = |physics: &Physics, start: State| stacked(physics, &free_run(physics, recording, window, start));
+    let now = simulate(physics, start);
+    let (tiny, relative) = (1e-5, 1e-4);
+    let by_state =
+        state_entries(physics).iter().map(|entry| (simulate(physics, nudged(&start, *entry, tiny)) - &now) / tiny);
+    // Derivative with respect to the logarithm of a value.
+    let by_value = free.iter().map(|f| (simulate(&scaled(physics, f, 1.0 + relative), start) - &now) / relative);
+    let (states, values): (Vec<_>, Vec<_>) = (by_state.collect(), by_value.collect());
+    let values = if values.is_empty() { DMatrix::zeros(now.len(), 0) } else { DMatrix::from_columns(&values) };
+    let residual = stacked(physics, &measured(recording, signals, window)) - &now;
+    Block { residual, states: DMatrix::from_columns(&states), values }
+}
+
+/// `(JᵀJ)⁻¹ Jᵀ b` with a ridge of 1e-9 of the diagonal against columns that say the same.
+fn least_squares(j: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut normal = j.tr_mul(j);
+    for i in 0..normal.nrows() {
+        normal[(i, i)] += 1e-9 * normal[(i, i)] + 1e-12;
+    }
+    let right = j.tr_mul(b);
+    normal.cholesky().map_or_else(|| DMatrix::zeros(j.ncols(), b.ncols()), |factor| factor.solve(&right))
+}
+
+impl Block {
+    /// Residual and value sensitivities that no initial state can absorb.
+    fn without_states(&self) -> (DMatrix<f64>, DMatrix<f64>) {
+        let residual = DMatrix::from_columns(std::slice::from_ref(&self.residual));
+        let left = |m: &DMatrix<f64>| m - &self.states * least_squares(&self.states, m);
+        (left(&residual), left(&self.values))
+    }
+}
+
+/// Stacked normal equations of all blocks: step of the values and what remains.
+fn value_step(blocks: &[Block], count: usize) -> (DMatrix<f64>, f64) {
+    let (mut normal, mut right, mut energy) = (DMatrix::zeros(count, count), DMatrix::zeros(count, 1), 0.0);
+    for block in blocks {
+        let (residual, values) = block.without_states();
+        normal += values.tr_mul(&values);
+        right += values.tr_mul(&residual);
+        energy += residual.norm_squared();
+    }
+    for i in 0..count {
+        normal[(i, i)] += 1e-9 * normal[(i, i)] + 1e-12;
+    }
+    let step = normal.cholesky().map_or_else(|| DMatrix::zeros(count, 1), |factor| factor.solve(&right));
+    let gained = right.tr_mul(&step);
+    (step.clone(), energy - if count > 0 { gained[(0, 0)] } else { 0.0 })
+}
+
+fn blocks(
+    physics: &Physics,
+    recordings: &[&Recording],
+    signals: &[&[Vec<f64>]],
+    starts: &[Vec<State>],
+    free: &[Free],
+) -> Vec<Block> {
+    let mut all = Vec::new();
+    for ((recording, signals), starts) in recordings.iter().zip(signals).zip(starts) {
+        for (window, start) in starts.iter().enumerate() {
+            all.push(block(physics, recording, signals, window, *start, free));
+        }
+    }
+    all
+}
+
+fn starts_of(recordings: &[&Recording]) -> Vec<Vec<State>> {
+    recordings.iter().map(|recording| recording.starts.clone()).collect()
+}
+
+/// What remains visible of `signals` after one linear re-fit of values and initial states.
+pub(super) fn detectability(physics: &Physics, recordings: &[&Recording], signals: &[&[Vec<f64>]]) -> f64 {
+    let free = free_values(physics);
+    value_step(&blocks(physics, recordings, signals, &starts_of(recordings), &free), free.len()).1
+}
+
+/// Re-fits the free values (`values` false: only the initial states) to `signals`.
+pub(super) fn refit(physics: &Physics, recordings: &[&Recording], signals: &[&[Vec<f64>]], values: bool) -> Fit {
+    let free = if values { free_values(physics) } else { Vec::new() };
+    let mut fit = Fit { physics: physics.clone(), starts: starts_of(recordings), chi2: f64::INFINITY };
+    let mut best = fit.clone();
+    for _ in 0..ROUNDS {
+        let blocks = blocks(&fit.physics, recordings, signals, &fit.starts, &free);
+        fit.chi2 = blocks.iter().map(|block| block.residual.norm_squared()).sum();
+        if fit.chi2 < best.chi2 {
+            best = fit.clone();
+        }
+        let (step, _) = value_step(&blocks, free.len());
+        for (i, free) in free.iter().enumerate() {
+            let factor = libm::exp(step[(i, 0)]).clamp(1.0 / STRIDE, STRIDE);
+            fit.physics = scaled(&fit.physics, free, factor);
+        }
+        move_starts(&mut fit, &blocks, &step);
+    }
+    let last = blocks(&fit.physics, recordings, signals, &fit.starts, &[]);
+    fit.chi2 = last.iter().map(|block| block.residual.norm_squared()).sum();
+    if fit.chi2 < best.chi2 { fit } else { best }
+}
+
+fn move_starts(fit: &mut Fit, blocks: &[Block], step: &DMatrix<f64>) {
+    let entries = state_entries(&fit.physics);
+    for (start, block) in fit.starts.iter_mut().flatten().zip(blocks) {
+        let left = DMatrix::from_columns(std::slice::from_ref(&block.residual)) - &block.values * step;
+        let moved = least_squares(&block.states, &left);
+        for (i, entry) in entries.iter().enumerate() {
+            start.y[*entry] += moved[(i, 0)];
+        }
+    }
+}
