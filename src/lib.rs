@@ -55,4 +55,5 @@ pub mod record;
 pub mod report;
 pub mod rt;
 pub mod safety;
+pub mod sensor;
 pub mod sim;

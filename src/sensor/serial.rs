@@ -1,0 +1,102 @@
+//! The serial line of a sensor, which never waits. RT: reading and writing yes; opening before arming only.
+
+#![expect(unsafe_code, reason = "the low-latency flag has no safe wrapper in our dependencies")]
+
+use serialport::{SerialPort, TTYPort};
+use std::io::{ErrorKind, Read, Write};
+use std::os::fd::{AsRawFd, RawFd};
+use std::time::Duration;
+
+/// An open line, 8 data bits, no parity, 1 stop bit.
+#[derive(Debug)]
+pub struct SerialLine {
+    port: TTYPort,
+    /// The driver was told to deliver at once. False on a pseudo-terminal, and on adapters that cannot.
+    pub low_latency: bool,
+}
+
+impl SerialLine {
+    /// Opens a device, or the pseudo-terminal of a simulated one.
+    ///
+    /// # Errors
+    /// No such device, no permission, or a rate that it cannot do.
+    pub fn open(path: &str, baud: u32) -> Result<Self, serialport::Error> {
+        let mut port = serialport::new(path, baud).timeout(Duration::ZERO).open_native()?;
+        port.clear(serialport::ClearBuffer::All)?;
+        port.set_exclusive(true)?;
+        let low_latency = set_low_latency(port.as_raw_fd());
+        Ok(Self { port, low_latency })
+    }
+
+    /// Bytes that are there, at most a buffer full; 0 if none. `None` when the device is gone.
+    pub fn read(&mut self, buffer: &mut [u8]) -> Option<usize> {
+        match self.port.read(buffer) {
+            Ok(count) => Some(count),
+            Err(e) if matches!(e.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+                Some(0)
+            }
+            Err(_) => None,
+        }
+    }
+
+    /// Hands over bytes (a request has at most 20, a driver's buffer 4096). False when the device is gone or full.
+    pub fn write(&mut self, bytes: &[u8]) -> bool {
+        self.port.write(bytes).is_ok_and(|count| count == bytes.len())
+    }
+
+    /// A descriptor that polls readable when bytes are there.
+    #[must_use]
+    pub fn readable_fd(&self) -> RawFd {
+        self.port.as_raw_fd()
+    }
+}
+
+/// FTDI adapters deliver every 16 ms unless told otherwise (flag ASYNC_LOW_LATENCY of TIOCSSERIAL).
+fn set_low_latency(fd: RawFd) -> bool {
+    const ASYNC_LOW_LATENCY: libc::c_int = 0x2000;
+    let mut serial = SerialStruct::default();
+    // SAFETY: the structure has the kernel's layout and size; the calls only fill or read it.
+    unsafe {
+        if libc::ioctl(fd, TIOCGSERIAL, &raw mut serial) != 0 {
+            return false;
+        }
+        serial.flags |= ASYNC_LOW_LATENCY;
+        libc::ioctl(fd, TIOCSSERIAL, &raw const serial) == 0
+    }
+}
+
+const TIOCGSERIAL: libc::c_ulong = 0x541E;
+const TIOCSSERIAL: libc::c_ulong = 0x541F;
+
+/// `struct serial_struct` of linux/serial.h.
+#[repr(C)]
+#[derive(Clone, Copy)]
+struct SerialStruct {
+    kind: libc::c_int,
+    line: libc::c_int,
+    port: libc::c_uint,
+    irq: libc::c_int,
+    flags: libc::c_int,
+    xmit_fifo_size: libc::c_int,
+    custom_divisor: libc::c_int,
+    baud_base: libc::c_int,
+    close_delay: libc::c_ushort,
+    io_type: libc::c_char,
+    reserved_char: [libc::c_char; 1],
+    hub6: libc::c_int,
+    closing_wait: libc::c_ushort,
+    closing_wait2: libc::c_ushort,
+    iomem_base: *mut libc::c_uchar,
+    iomem_reg_shift: libc::c_ushort,
+    port_high: libc::c_uint,
+    iomap_base: libc::c_ulong,
+}
+
+impl Default for SerialStruct {
+    fn default() -> Self {
+        // SAFETY: all fields are integers or a pointer that is never followed; zero is valid for each.
+        unsafe { std::mem::zeroed() }
+    }
+}
+
+const _: () = assert!(size_of::<SerialStruct>() == 72, "linux/serial.h on 64 bits");
