@@ -8,15 +8,16 @@
 //! | [`thread`], [`memory`] | priority, core, stack; locked memory; what was not granted |
 //! | [`allocation`] | counts allocations of each thread |
 //! | [`stop`] | stop frames on every way out, the panic's first |
-//! | [`stats`], [`flight`] | histograms; the last ticks before a fault |
-//! | [`feed`], [`process`], [`relay`] | where input comes from; the threads; ticks for everybody else |
+//! | [`stats`] | histograms |
 //!
-//! RT: tick, cycle, clock, wake, feed. The rest runs before arming or beside the loop, as each file says.
+//! RT: tick, cycle, clock, wake. The rest runs before arming or beside the loop, as each file says.
 
 pub mod allocation;
 pub mod clock;
 pub mod cycle;
 pub mod memory;
 pub mod stats;
+pub mod stop;
 pub mod thread;
+pub mod tick;
 pub mod wake;
