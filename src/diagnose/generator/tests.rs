@@ -1,5 +1,6 @@
 use super::case::Recipe;
 use super::write_cases;
+use crate::identify::experiment::Experiment;
 
 const SHORT: Recipe = Recipe { rows: 400, healthy: None };
 
@@ -26,5 +27,16 @@ fn every_hidden_effect_is_accepted_as_its_own_answer() {
         for hidden in &truth.effects {
             assert!(hidden.one_of.iter().any(|a| a.effect == hidden.effect), "{name} {hidden:?}");
         }
+    }
+}
+
+#[test]
+fn written_cases_are_what_the_reader_expects() {
+    let folder = tempfile::tempdir().unwrap();
+    write_cases(folder.path(), 6, 2, Recipe { healthy: Some(true), ..SHORT }).unwrap();
+    for number in 1..=6 {
+        let case = folder.path().join(format!("trial-{number:03}"));
+        let experiment = Experiment::load(&case).unwrap();
+        assert_eq!(experiment.recordings.len(), 3, "{}", case.display());
     }
 }

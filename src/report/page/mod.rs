@@ -1,7 +1,7 @@
 //! `report.html`: a diagnosis as one page that is read in a minute and stands alone (no script, nothing fetched).
 //!
-//! From the top: the sentence, the verdict, the fit on a recording that was never fitted, where the mismatch lives, the
-//! law that was found, the candidates, what was ruled out, what to do next, the numbers.
+//! From the top: the sentence, the verdict, what would decide, the fit on a recording that was never fitted, where the
+//! mismatch lives, the law that was found, the candidates, what was ruled out, the numbers.
 //!
 //! - [`signals`]: measured against simulated, residuals, laws
 //! - [`numbers`]: tables and the ranking
@@ -23,11 +23,11 @@ pub fn html(findings: &Findings) -> String {
     let title = escape(&format!("Compass diagnosis: {}", findings.rig));
     let body = [
         head(findings),
+        next(findings),
         signals::proof(findings),
         signals::place(findings),
         signals::laws(findings),
         numbers::candidates(findings),
-        next(findings),
         numbers::errors(findings),
         numbers::parameters(findings),
         warnings(findings),

@@ -71,7 +71,7 @@ fn small_figure(row: &Figure, trace: &Trace) -> String {
         number(100.0 * row.nrmse_refitted),
         number(100.0 * row.nrmse_explained)
     );
-    let mut plot = overlay(trace, 560.0, 230.0);
+    let mut plot = overlay(trace, 450.0, 220.0);
     plot.title = format!("{}, {}", trace.recording, trace.channel);
     figure(&plot, &caption)
 }
@@ -217,7 +217,7 @@ pub(super) fn laws(findings: &Findings) -> String {
 fn law_plot(law: &Law, wide: bool) -> Plot {
     let mut plot = Plot::new(Axis::linear(&law.x_label), Axis::linear(&law.y_label));
     plot.title.clone_from(&law.title);
-    (plot.width, plot.height) = if wide { (860.0, 300.0) } else { (560.0, 270.0) };
+    (plot.width, plot.height) = if wide { (860.0, 300.0) } else { (450.0, 250.0) };
     let (x, low, high) = (law.x.clone(), law.low.clone(), law.high.clone());
     plot.marks.push(Mark::Band { name: String::new(), tone: Tone::Explained, x, low, high });
     plot.line("", Tone::Explained, &law.x, &law.y)

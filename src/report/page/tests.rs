@@ -111,9 +111,7 @@ fn page_stands_alone() {
     for outside in ["http:", "https:", "<script", "src=", "@import"] {
         assert!(!fetched.contains(outside), "{outside}");
     }
-    if let Ok(folder) = std::env::var("COMPASS_PAGE_OUT") {
-        std::fs::write(std::path::Path::new(&folder).join("report.html"), &html).unwrap();
-    }
+    keep("report.html", &html);
 }
 
 #[test]
@@ -141,4 +139,72 @@ fn nothing_missing_makes_a_page_too() {
     findings.ranking.clear();
     findings.laws.clear();
     assert!(html(&findings).contains("to within their noise"));
+}
+
+/// For looking at: `COMPASS_PAGE_OUT=folder cargo test page`.
+fn keep(name: &str, html: &str) {
+    if let Ok(folder) = std::env::var("COMPASS_PAGE_OUT") {
+        std::fs::write(std::path::Path::new(&folder).join(name), html).unwrap();
+    }
+}
+
+/// A minute at 1 kHz with noise, a second channel, and two explanations.
+fn undecided() -> Findings {
+    let mut findings = findings();
+    let noise = |i: usize| libm::sin(12.9898 * i as f64) * 43_758.547 % 1.0 * 0.03;
+    let t_s: Vec<f64> = (0..60_000).map(|i| i as f64 * 1e-3).collect();
+    let signal = |late: f64| -> Vec<f64> {
+        t_s.iter().map(|t| libm::sin(0.4 * (t - late)) + 0.3 * libm::sin(0.13 * (t - late) * (t - late))).collect()
+    };
+    let measured: Vec<f64> = signal(0.06).iter().enumerate().map(|(i, v)| v + noise(i)).collect();
+    let trace = |channel: &str| Trace {
+        recording: "chirp.csv".into(),
+        use_: "heldout".into(),
+        channel: channel.into(),
+        t_s: t_s.clone(),
+        measured: measured.clone(),
+        given: signal(0.0),
+        refitted: signal(0.01),
+        explained: signal(0.06),
+    };
+    findings.traces = vec![trace("hip_rad"), trace("imu_inner_rad")];
+    let figure = |channel: &str| Figure {
+        recording: "chirp.csv".into(),
+        use_: "heldout".into(),
+        channel: channel.into(),
+        nrmse_given: 0.31,
+        nrmse_refitted: 0.24,
+        nrmse_explained: 0.021,
+    };
+    let diagnosis = &mut findings.diagnosis;
+    diagnosis.fit = vec![figure("hip_rad"), figure("imu_inner_rad")];
+    diagnosis.verdict = Verdict::Ambiguous;
+    diagnosis.places[0].recording = "chirp.csv".into();
+    diagnosis.places[0].channel = "hip_rad".into();
+    (diagnosis.places[0].from_s, diagnosis.places[0].to_s) = (41.0, 47.5);
+    diagnosis.places[0].band_hz = Some([1.2, 3.4]);
+    diagnosis.places.truncate(1);
+    let mut twin = diagnosis.missing[0].one_of[0].clone();
+    twin.effect = "sensor_delay".into();
+    twin.weight = 0.48;
+    diagnosis.missing[0].one_of.push(twin);
+    diagnosis.missing[0].sentence =
+        "The command or the reading of the hip comes 59 ms late; one sensor cannot say which.".into();
+    diagnosis.next_experiment = Some(
+        "Release the leg from rest with the drive off: a late command cannot matter there, a late sensor does.".into(),
+    );
+    findings.headline = "Something in the hip's loop is 59 ms late.".into();
+    findings.laws.push(findings.laws[0].clone());
+    findings
+}
+
+#[test]
+fn a_set_tells_what_would_decide() {
+    let html = html(&undecided());
+    keep("undecided.html", &html);
+    assert!(
+        html.contains("What would decide") && html.contains("drive off") && html.len() < 1_000_000,
+        "{}",
+        html.len()
+    );
 }

@@ -114,3 +114,46 @@ impl Plot {
         draw::svg(self, STYLE)
     }
 }
+
+/// Several plots one below the other, as a file that stands alone: for `compass predict` and for results of a bench.
+pub fn sheet(plots: &[Plot]) -> String {
+    let width = plots.iter().map(|plot| plot.width).fold(1.0, f64::max);
+    let height: f64 = plots.iter().map(|plot| plot.height).sum();
+    let mut out = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\">\
+         <style>{STYLE}</style><rect width=\"100%\" height=\"100%\" fill=\"var(--paper)\"/>"
+    );
+    let mut top = 0.0;
+    for plot in plots {
+        // An inner svg takes its place by x and y.
+        out += &plot.to_svg().replacen("<svg ", &format!("<svg y=\"{top}\" "), 1);
+        top += plot.height;
+    }
+    out + "</svg>\n"
+}
+
+/// Measured against simulated, channel by channel: names, and the two signals over the same times.
+pub fn comparison(t_s: &[f64], channels: &[(&str, &[f64], &[f64])]) -> String {
+    let plot = |(name, measured, simulated): &(&str, &[f64], &[f64])| {
+        Plot::new(Axis::linear("time, s"), Axis::linear(name)).line("measured", Tone::Measured, t_s, measured).line(
+            "simulated",
+            Tone::Explained,
+            t_s,
+            simulated,
+        )
+    };
+    sheet(&channels.iter().map(plot).collect::<Vec<_>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_comparison_draws_every_channel_once() {
+        let t = [0.0, 1.0, 2.0];
+        let svg = comparison(&t, &[("q1_rad", &t, &t), ("q2_rad", &t, &t)]);
+        assert_eq!(svg.matches("line measured").count(), 4, "a line and its sample in the legend, twice");
+        assert!(svg.contains("q2_rad"));
+    }
+}
