@@ -57,3 +57,4 @@ pub mod rt;
 pub mod safety;
 pub mod sensor;
 pub mod sim;
+pub mod telemetry;

@@ -116,7 +116,7 @@ fn describe(event: &Event) -> String {
     match event {
         Event::Mode(mode) => format!("mode {}", mode.name()),
         Event::Fault(Fault { code, index, value, .. }) => {
-            format!("fault {} {}: index {index}, value {value}", *code as u8, code.name())
+            format!("fault {} {}: index {index}, value {value:?}", *code as u8, code.name())
         }
         Event::MissingTicks(expected, came) => format!("recording misses ticks {expected} to {}", came - 1),
         Event::Overrun(periods) => format!("{periods} periods skipped"),

@@ -1,0 +1,177 @@
+//! What the view knows: the newest tick, and what has to be gathered over many. RT: no.
+
+use super::Side;
+use crate::base::time::{Span, Stamp};
+use crate::config::checked::Config;
+use crate::msg::{BUSES, FaultCode, Mode, TickRecord};
+use hdrhistogram::Histogram;
+use std::collections::VecDeque;
+use std::io;
+
+/// Points of the torque's history.
+pub(super) const HISTORY_POINTS: usize = 240;
+/// Time of one point: 12 s in all.
+const HISTORY_STEP: Span = Span::from_ms(50);
+/// Events that are kept.
+const EVENTS: usize = 50;
+
+/// Everything that is shown.
+pub(super) struct State {
+    pub(super) config: Config,
+    pub(super) tick: TickRecord,
+    pub(super) seen: bool,
+    pub(super) start: Stamp,
+    pub(super) wake_ns: Histogram<u64>,
+    pub(super) step_ns: Histogram<u64>,
+    /// Hip torque let through, Nm, oldest first.
+    pub(super) torque_nm: VecDeque<f64>,
+    /// Mode changes, faults and notices with their times, newest last.
+    pub(super) events: VecDeque<(Span, String)>,
+    /// Ticks that the view itself did not get.
+    pub(super) missed: u64,
+    pub(super) side: Side,
+    pub(super) frames: [FrameRates; BUSES],
+    news: Vec<String>,
+    history_due: Stamp,
+}
+
+/// Frames of one bus: counted over a second, then shown for a second.
+#[derive(Clone, Copy, Default)]
+pub(super) struct FrameRates {
+    pub(super) received_hz: u32,
+    pub(super) sent_hz: u32,
+    received: u32,
+    sent: u32,
+    since: Stamp,
+}
+
+impl FrameRates {
+    fn add(&mut self, now: Stamp, received: u8, sent: u8) {
+        self.received += u32::from(received);
+        self.sent += u32::from(sent);
+        if now.since(self.since) >= Span::from_ms(1000) {
+            *self = Self { received_hz: self.received, sent_hz: self.sent, since: now, ..Self::default() };
+        }
+    }
+}
+
+/// Nanoseconds to one second with three digits: 60 kB.
+fn histogram() -> io::Result<Histogram<u64>> {
+    Histogram::new_with_bounds(1, 1_000_000_000, 3).map_err(io::Error::other)
+}
+
+impl State {
+    pub(super) fn new(config: &Config) -> io::Result<Self> {
+        Ok(Self {
+            config: config.clone(),
+            tick: TickRecord::default(),
+            seen: false,
+            start: Stamp(0),
+            wake_ns: histogram()?,
+            step_ns: histogram()?,
+            torque_nm: VecDeque::with_capacity(HISTORY_POINTS),
+            events: VecDeque::with_capacity(EVENTS),
+            missed: 0,
+            side: Side::default(),
+            frames: [FrameRates::default(); BUSES],
+            news: Vec::new(),
+            history_due: Stamp(0),
+        })
+    }
+
+    /// Takes the next tick.
+    pub(super) fn take(&mut self, tick: &TickRecord) {
+        if !self.seen {
+            self.start = tick.input.now;
+            self.history_due = tick.input.now;
+        }
+        self.notice_events(tick);
+        record(&mut self.wake_ns, tick.input.wake_latency);
+        record(&mut self.step_ns, tick.input.step_time);
+        let batches = tick.input.received.iter().zip(&tick.output.send);
+        for (rates, (received, sent)) in self.frames.iter_mut().zip(batches) {
+            rates.add(tick.input.now, received.count, sent.count);
+        }
+        if tick.input.now >= self.history_due {
+            self.history_due += HISTORY_STEP;
+            keep(&mut self.torque_nm, HISTORY_POINTS, tick.allowed.hip_torque_nm);
+        }
+        self.tick = *tick;
+        self.seen = true;
+    }
+
+    /// Takes what does not travel with ticks.
+    pub(super) fn take_side(&mut self, mut side: Side) {
+        for notice in std::mem::take(&mut side.notices) {
+            self.event(notice);
+        }
+        self.side = side;
+    }
+
+    /// Lines that were not told yet.
+    pub(super) fn take_news(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.news)
+    }
+
+    /// Time since the first tick.
+    pub(super) fn elapsed(&self) -> Span {
+        self.tick.input.now.since(self.start)
+    }
+
+    fn notice_events(&mut self, tick: &TickRecord) {
+        let (before, after) = (self.tick.status, tick.status);
+        let index_before = self.tick.input.index;
+        if self.seen && tick.input.index > index_before + 1 {
+            self.missed += tick.input.index - index_before - 1;
+        }
+        if !self.seen || before.mode != after.mode {
+            self.event_at(tick.input.now, format!("mode {}", mode_name(after.mode)));
+        }
+        let fault = after.first_fault;
+        let is_new = fault.code != before.first_fault.code || fault.stamp != before.first_fault.stamp;
+        if fault.code != FaultCode::None && is_new {
+            let text = format!(
+                "fault {} {}, index {}, value {:.3}",
+                fault.code as u8,
+                fault.code.name(),
+                fault.index,
+                fault.value
+            );
+            self.event_at(tick.input.now, text);
+        }
+    }
+
+    fn event(&mut self, text: String) {
+        self.event_at(self.tick.input.now, text);
+    }
+
+    fn event_at(&mut self, now: Stamp, text: String) {
+        let since = now.since(self.start);
+        self.news.push(format!("{:9.3} s  {text}", since.as_s()));
+        keep(&mut self.events, EVENTS, (since, text));
+    }
+}
+
+/// Puts an item at the end and takes the oldest away when there are too many.
+fn keep<T>(items: &mut VecDeque<T>, most: usize, item: T) {
+    if items.len() == most {
+        items.pop_front();
+    }
+    items.push_back(item);
+}
+
+fn record(histogram: &mut Histogram<u64>, span: Span) {
+    // A tick can be early by nothing, but never by less; a span beyond a second counts as a second.
+    histogram.saturating_record(u64::try_from(span.0).unwrap_or(0));
+}
+
+/// A mode as a person says it.
+pub(super) const fn mode_name(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Starting => "starting",
+        Mode::Disarmed => "disarmed",
+        Mode::Arming => "arming",
+        Mode::Armed => "ARMED",
+        Mode::Faulted => "FAULT",
+    }
+}
