@@ -102,6 +102,8 @@ pub trait Scalar:
     }
     /// True if the value and all derivatives are finite.
     fn is_finite(self) -> bool;
+    /// True if it carries a derivative that is not zero.
+    fn is_varied(self) -> bool;
 }
 
 impl Scalar for f64 {
@@ -131,6 +133,9 @@ impl Scalar for f64 {
     }
     fn is_finite(self) -> bool {
         Self::is_finite(self)
+    }
+    fn is_varied(self) -> bool {
+        false
     }
 }
 
@@ -312,6 +317,9 @@ impl<const N: usize> Scalar for Dual<N> {
     }
     fn is_finite(self) -> bool {
         self.v.is_finite() && self.d.iter().all(|x| x.is_finite())
+    }
+    fn is_varied(self) -> bool {
+        self.d.iter().any(|x| x.abs() > 0.0)
     }
 }
 

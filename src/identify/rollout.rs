@@ -17,12 +17,23 @@
 //!     }
 //! }
 //! ```
+//! A sensor with a delay or a fast clock reads the motion before the window's start; there the motion is run backwards
+//! from the initial state in its present modes.
 //! RT: no.
+
+mod initial;
+mod pooled;
+mod run;
 
 use super::experiment::Recording;
 use super::theta::Theta;
-use crate::model::rig::Rig;
+use crate::base::scalar::{Dual, Scalar};
+use crate::model::machine::{Inner, Machine, MachineError};
+use crate::model::rig::{Rig, Slot};
+use crate::model::setting::{Number, Setting};
 use std::ops::Range;
+
+pub use pooled::Pooled;
 
 /// How finely a run is integrated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,19 +86,18 @@ pub struct Linearised {
     pub jacobian: Vec<f64>,
 }
 
-/// Standard deviation of each channel over the recordings of one use, the mean of each recording taken out.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Pooled {
-    /// One per sensor; NaN if the channel has no samples.
-    pub std: Vec<f64>,
-}
-
 /// A recording made ready for free runs of a rig. Cheap to build: it borrows the data.
 #[derive(Debug)]
 pub struct Rollout<'r> {
     recording: &'r Recording,
+    setting: Setting,
     windows: Vec<Range<usize>>,
+    layout: Vec<Inner>,
+    fidelity: Fidelity,
 }
+
+/// Directions carried by one run: few enough to stay in registers and cache, many enough to share the values' cost.
+const LANES: usize = 8;
 
 impl<'r> Rollout<'r> {
     /// Builds the machine of `rig` for `recording` (which must have been read for this rig, or for one that differs in
@@ -96,13 +106,17 @@ impl<'r> Rollout<'r> {
     /// # Errors
     /// The rig asks for something the machine cannot do.
     pub fn new(rig: &Rig, recording: &'r Recording, fidelity: Fidelity) -> Result<Self, RolloutError> {
-        let _ = fidelity;
-        let kind = rig.mechanism.id();
-        let rollout = Self { recording, windows: recording.windows() };
-        if rollout.windows.is_empty() || !kind.is_empty() {
-            return Err(RolloutError::Unsupported(format!("mechanism {kind} does not run yet")));
-        }
-        Ok(rollout)
+        let setting = Setting::of(rig, Some(recording.index), recording.setup);
+        let machine = Machine::<f64>::new(&setting, &|n: &Number| n.value, fidelity.refine)
+            .map_err(|e| RolloutError::Unsupported(e.to_string()))?;
+        let layout = machine.initial_layout();
+        Ok(Self { recording, setting, windows: recording.windows(), layout, fidelity })
+    }
+
+    /// The recording.
+    #[must_use]
+    pub const fn recording(&self) -> &'r Recording {
+        self.recording
     }
 
     /// Rows of each window.
@@ -114,14 +128,13 @@ impl<'r> Rollout<'r> {
     /// Numbers of the initial state of a window: coordinates, rates, then inner states of effects (deflections, lags).
     #[must_use]
     pub fn initial_len(&self) -> usize {
-        0
+        self.layout.len()
     }
 
-    /// A start for [`Self::fit_initial`], from the samples at the beginning of the window.
+    /// What the numbers of an initial state are.
     #[must_use]
-    pub fn guess(&self, window: usize) -> Vec<f64> {
-        let _ = window;
-        Vec::new()
+    pub fn layout(&self) -> &[Inner] {
+        &self.layout
     }
 
     /// Runs one window from `initial`.
@@ -129,9 +142,11 @@ impl<'r> Rollout<'r> {
     /// # Errors
     /// The simulation diverged.
     pub fn simulate(&self, window: usize, initial: &[f64], out: &mut Readings) -> Result<(), RolloutError> {
-        let _ = (window, initial, &self.recording.name);
-        out.channels.clear();
-        Ok(())
+        let rows = self.windows[window].clone();
+        let mut machine = self.machine(&|n: &Number| n.value)?;
+        out.channels = vec![vec![0.0; rows.len()]; self.setting.sensors.len()];
+        let channels = &mut out.channels;
+        self.run(&mut machine, rows, initial, &mut |channel, row, y: f64| channels[channel][row] = y)
     }
 
     /// Runs one window from `initial` and differentiates by all of `theta` and by `initial`.
@@ -145,20 +160,99 @@ impl<'r> Rollout<'r> {
         initial: &[f64],
         out: &mut Linearised,
     ) -> Result<(), RolloutError> {
-        let _ = (theta, window, initial);
-        out.residual.clear();
+        let slots: Vec<Slot> = self.setting.slots().collect();
+        let mut directions: Vec<Direction> = Vec::new();
+        let active = theta.entries.iter().enumerate().filter(|(_, e)| slots.contains(&e.slot));
+        directions.extend(active.map(|(column, e)| Direction { column, what: What::Slot(e.slot) }));
+        directions.extend((0..initial.len()).map(|i| Direction { column: theta.len() + i, what: What::Initial(i) }));
+        self.prepare(window, theta.len() + initial.len(), out);
+        if directions.is_empty() {
+            return self.residuals(window, initial, out);
+        }
+        for chunk in directions.chunks(LANES) {
+            match chunk.len() {
+                1 | 2 => self.run_chunk::<2>(chunk, window, initial, out)?,
+                3 | 4 => self.run_chunk::<4>(chunk, window, initial, out)?,
+                _ => self.run_chunk::<LANES>(chunk, window, initial, out)?,
+            }
+        }
         Ok(())
     }
 
-    /// The initial state that fits the window best, each channel multiplied by its weight (1 / pooled deviation; 0 for a
-    /// channel that is only noise).
-    ///
-    /// # Errors
-    /// The simulation diverged from every start.
-    pub fn fit_initial(&self, window: usize, weights: &[f64], start: &[f64]) -> Result<Vec<f64>, RolloutError> {
-        let _ = (window, weights);
-        Ok(start.to_vec())
+    fn prepare(&self, window: usize, columns: usize, out: &mut Linearised) {
+        let rows = self.windows[window].len();
+        let samples = rows * self.setting.sensors.len();
+        out.rows = rows;
+        out.columns = columns;
+        out.residual.clear();
+        out.residual.resize(samples, f64::NAN);
+        out.jacobian.clear();
+        out.jacobian.resize(samples * columns, 0.0);
     }
+
+    fn residuals(&self, window: usize, initial: &[f64], out: &mut Linearised) -> Result<(), RolloutError> {
+        let range = self.windows[window].clone();
+        let (start, rows) = (range.start, out.rows);
+        let mut machine = self.machine(&|n: &Number| n.value)?;
+        self.run(&mut machine, range, initial, &mut |channel, row, y: f64| {
+            out.residual[channel * rows + row] = self.recording.measured[channel][start + row] - y;
+        })
+    }
+
+    /// Runs with the directions of `chunk` and writes their columns.
+    fn run_chunk<const N: usize>(
+        &self,
+        chunk: &[Direction],
+        window: usize,
+        initial: &[f64],
+        out: &mut Linearised,
+    ) -> Result<(), RolloutError> {
+        let lane_of = |what: What| chunk.iter().position(|d| d.what == what);
+        let lift = |x: f64, what: What| match lane_of(what) {
+            Some(lane) => Dual::<N>::variable(x, lane),
+            None => Dual::constant(x),
+        };
+        let mut machine = self.machine(&|n: &Number| match n.slot {
+            Some(slot) => lift(n.value, What::Slot(slot)),
+            None => Dual::constant(n.value),
+        })?;
+        let initial: Vec<Dual<N>> = initial.iter().enumerate().map(|(i, x)| lift(*x, What::Initial(i))).collect();
+        let range = self.windows[window].clone();
+        let (start, rows, columns) = (range.start, out.rows, out.columns);
+        self.run(&mut machine, range, &initial, &mut |channel, row, y: Dual<N>| {
+            let sample = channel * rows + row;
+            out.residual[sample] = self.recording.measured[channel][start + row] - y.v;
+            for (direction, slope) in chunk.iter().zip(y.d) {
+                out.jacobian[sample * columns + direction.column] = slope;
+            }
+        })
+    }
+
+    fn machine<S: Scalar>(&self, lift: &dyn Fn(&Number) -> S) -> Result<Machine<S>, RolloutError> {
+        Machine::new(&self.setting, lift, self.fidelity.refine).map_err(|e| self.error(&e))
+    }
+
+    fn error(&self, error: &MachineError) -> RolloutError {
+        match error {
+            MachineError::Unsupported(text) => RolloutError::Unsupported(text.clone()),
+            MachineError::Diverged(time_s) => {
+                RolloutError::Diverged { recording: self.recording.name.clone(), time_s: *time_s }
+            }
+        }
+    }
+}
+
+/// What a run is differentiated by, and the column it goes to.
+#[derive(Clone, Copy, Debug)]
+struct Direction {
+    column: usize,
+    what: What,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum What {
+    Slot(Slot),
+    Initial(usize),
 }
 
 /// A free run over all windows of a recording.
@@ -178,6 +272,21 @@ pub struct FreeRun {
 /// See [`RolloutError`].
 pub fn free_run(rig: &Rig, recording: &Recording, pooled: &Pooled) -> Result<FreeRun, RolloutError> {
     let rollout = Rollout::new(rig, recording, Fidelity::default())?;
-    let initial = (0..rollout.windows().len()).map(|w| rollout.guess(w)).collect();
-    Ok(FreeRun { predicted: Vec::new(), initial, nrmse: vec![None; pooled.std.len()] })
+    let weights = pooled.weights(rig, recording);
+    let mut run = FreeRun {
+        predicted: vec![Vec::with_capacity(recording.len()); rig.sensors.len()],
+        initial: Vec::new(),
+        nrmse: Vec::new(),
+    };
+    let mut readings = Readings::default();
+    for window in 0..rollout.windows().len() {
+        let initial = rollout.fit_initial(window, &weights, &rollout.guess(window))?;
+        rollout.simulate(window, &initial, &mut readings)?;
+        for (all, part) in run.predicted.iter_mut().zip(&readings.channels) {
+            all.extend_from_slice(part);
+        }
+        run.initial.push(initial);
+    }
+    run.nrmse = pooled.nrmse(&weights, recording, &run.predicted);
+    Ok(run)
 }

@@ -26,4 +26,7 @@
 pub mod compass_gait;
 pub mod effect;
 pub mod energy;
+pub mod machine;
+pub mod mechanism;
 pub mod rig;
+pub mod setting;

@@ -1,0 +1,191 @@
+//! The initial state of a window: a guess from its first samples, and the least-squares fit over the whole window.
+//!
+//! RT: no.
+
+use super::{Linearised, Readings, Rollout, RolloutError};
+use crate::identify::theta::Theta;
+use crate::model::machine::{Inner, Machine};
+use crate::model::setting::Number;
+use nalgebra::{DMatrix, DVector};
+
+/// Samples of the local line that gives the guess.
+const GUESS_ROWS: usize = 12;
+/// Limit of the Levenberg-Marquardt iterations; 4 to 8 are usual.
+const MOST_ITERATIONS: usize = 40;
+/// Relative gain below which the fit has arrived.
+const ARRIVED: f64 = 1e-10;
+/// Damping at the start, growth and decay.
+const DAMPING: f64 = 1e-4;
+const HARDER: f64 = 8.0;
+const EASIER: f64 = 0.2;
+/// Beyond this damping no step helps.
+const HARDEST: f64 = 1e10;
+
+impl Rollout<'_> {
+    /// A start for [`Self::fit_initial`], from the samples at the beginning of the window.
+    #[must_use]
+    pub fn guess(&self, window: usize) -> Vec<f64> {
+        let mut guess = vec![0.0; self.layout.len()];
+        let Ok(machine) = self.machine(&|n: &Number| n.value) else { return guess };
+        let coordinates = self.layout.iter().filter(|i| matches!(i, Inner::Coordinate(_))).count();
+        let (angles, rates) = self.local_lines(&machine, window, coordinates);
+        for (x, what) in guess.iter_mut().zip(&self.layout) {
+            match *what {
+                Inner::Coordinate(i) => *x = angles[i],
+                Inner::Rate(i) => *x = rates[i],
+                _ => {}
+            }
+        }
+        guess
+    }
+
+    /// Least-squares angle and rate of each generalised coordinate from lines through the first samples.
+    fn local_lines(&self, machine: &Machine<f64>, window: usize, n: usize) -> (DVector<f64>, DVector<f64>) {
+        let rows = self.windows[window].clone();
+        let times = &self.recording.times;
+        let (mut angle, mut rate) = (Normal::new(n), Normal::new(n));
+        for channel in 0..self.setting.sensors.len() {
+            let samples = rows.clone().map(|r| (times[r] - times[rows.start], self.recording.measured[channel][r]));
+            let samples: Vec<(f64, f64)> = samples.filter(|(_, y)| !y.is_nan()).take(GUESS_ROWS).collect();
+            let Some((y0, slope)) = line(&samples) else { continue };
+            let row = machine.sensor_row(channel, n);
+            if self.setting.sensors[channel].is_rate {
+                rate.add(&row, machine.undo_offsets(channel, y0), SURE);
+            } else {
+                angle.add(&row, machine.undo_offsets(channel, y0), 1.0);
+                rate.add(&row, slope, 1.0);
+            }
+        }
+        (angle.solve(), rate.solve())
+    }
+
+    /// The initial state that fits the window best, each channel multiplied by its weight (1 / pooled deviation; 0 for a
+    /// channel that is only noise).
+    ///
+    /// # Errors
+    /// The simulation diverged from the start.
+    pub fn fit_initial(&self, window: usize, weights: &[f64], start: &[f64]) -> Result<Vec<f64>, RolloutError> {
+        let theta = Theta { entries: Vec::new(), values: Vec::new() };
+        let (mut x, mut damping) = (DVector::from_column_slice(start), DAMPING);
+        let mut lin = Linearised::default();
+        let mut readings = Readings::default();
+        self.linearise(&theta, window, x.as_slice(), &mut lin)?;
+        let mut cost = weighted_cost(&lin, weights);
+        for _ in 0..MOST_ITERATIONS {
+            let (jtj, jtr) = normal_equations(&lin, weights);
+            let mut improved = None;
+            while improved.is_none() && damping < HARDEST {
+                let trial = &x + damped_step(&jtj, &jtr, damping);
+                let trial_cost = match self.simulate(window, trial.as_slice(), &mut readings) {
+                    Ok(()) => self.cost_of(window, weights, &readings),
+                    Err(_) => f64::INFINITY,
+                };
+                if trial_cost < cost {
+                    improved = Some((trial, trial_cost));
+                    damping = (damping * EASIER).max(1e-12);
+                } else {
+                    damping *= HARDER;
+                }
+            }
+            let Some((next, next_cost)) = improved else { break };
+            let gain = cost - next_cost;
+            (x, cost) = (next, next_cost);
+            if gain <= ARRIVED * cost {
+                break;
+            }
+            self.linearise(&theta, window, x.as_slice(), &mut lin)?;
+        }
+        Ok(x.as_slice().to_vec())
+    }
+
+    fn cost_of(&self, window: usize, weights: &[f64], readings: &Readings) -> f64 {
+        let rows = self.windows[window].clone();
+        let mut sum = 0.0;
+        for ((weight, predicted), measured) in weights.iter().zip(&readings.channels).zip(&self.recording.measured) {
+            let pairs = predicted.iter().zip(&measured[rows.clone()]).filter(|(_, y)| !y.is_nan());
+            sum += weight * weight * pairs.map(|(p, y)| (y - p) * (y - p)).sum::<f64>();
+        }
+        sum
+    }
+}
+
+/// Weight of a measured rate against the slope of angles.
+const SURE: f64 = 3.0;
+
+/// Small weighted least squares.
+struct Normal {
+    a: DMatrix<f64>,
+    b: DVector<f64>,
+}
+
+impl Normal {
+    fn new(n: usize) -> Self {
+        // A faint pull to zero decides what no sensor sees.
+        Self { a: DMatrix::identity(n, n) * 1e-9, b: DVector::zeros(n) }
+    }
+    fn add(&mut self, row: &[f64], y: f64, weight: f64) {
+        let row = DVector::from_column_slice(row);
+        self.a += &row * row.transpose() * weight;
+        self.b += row * (y * weight);
+    }
+    fn solve(self) -> DVector<f64> {
+        let n = self.b.len();
+        self.a.cholesky().map_or_else(|| DVector::zeros(n), |c| c.solve(&self.b))
+    }
+}
+
+/// Value at the first instant and slope of the line through samples.
+fn line(samples: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let (&(t0, first), rest) = samples.split_first()?;
+    if rest.is_empty() {
+        return Some((first, 0.0));
+    }
+    let mut normal = Normal::new(2);
+    for (t, y) in samples {
+        normal.add(&[1.0, *t], *y, 1.0);
+    }
+    let x = normal.solve();
+    // Samples that begin late say nothing about the start: take the line back to it.
+    if t0 > LATE_S { Some((first, x[1])) } else { Some((x[0], x[1])) }
+}
+
+/// A first sample later than this is not extrapolated to the start, s.
+const LATE_S: f64 = 0.1;
+
+/// JᵀJ and Jᵀr of one window.
+pub(super) fn normal_equations(lin: &Linearised, weights: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
+    let n = lin.columns;
+    let (mut a, mut b) = (DMatrix::zeros(n, n), DVector::zeros(n));
+    for (sample, residual) in lin.residual.iter().enumerate() {
+        let weight = weights[sample / lin.rows];
+        if residual.is_nan() || weight <= 0.0 {
+            continue;
+        }
+        let row = &lin.jacobian[sample * n..(sample + 1) * n];
+        for i in 0..n {
+            let x = row[i] * weight * weight;
+            b[i] += x * residual;
+            for j in 0..=i {
+                a[(i, j)] += x * row[j];
+            }
+        }
+    }
+    a.fill_upper_triangle_with_lower_triangle();
+    (a, b)
+}
+
+fn weighted_cost(lin: &Linearised, weights: &[f64]) -> f64 {
+    let terms = lin.residual.iter().enumerate().filter(|(_, r)| !r.is_nan());
+    terms.map(|(sample, r)| (r * weights[sample / lin.rows]) * (r * weights[sample / lin.rows])).sum()
+}
+
+/// Step of Levenberg-Marquardt with the diagonal of JᵀJ as scale; a direction without effect stays.
+fn damped_step(jtj: &DMatrix<f64>, jtr: &DVector<f64>, damping: f64) -> DVector<f64> {
+    let n = jtr.len();
+    let mut a = jtj.clone();
+    let largest = (0..n).map(|i| jtj[(i, i)]).fold(0.0, f64::max);
+    for i in 0..n {
+        a[(i, i)] += damping * jtj[(i, i)] + largest * 1e-15 + f64::MIN_POSITIVE;
+    }
+    a.cholesky().map_or_else(|| DVector::zeros(n), |c| c.solve(jtr))
+}

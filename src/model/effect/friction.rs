@@ -1,0 +1,176 @@
+//! Torques at one side of a joint that depend on its own angle and rate: damping, springs, ripple, and dry friction.
+//!
+//! Dry friction is set-valued: the machine keeps a [`Grip`] per axis and locates its changes exactly, so at zero rate it
+//! truly holds. With `presliding` it is a bristle (LuGre: an elastic displacement that yields) and has no modes.
+//! RT: yes, no allocation.
+
+use crate::base::scalar::Scalar;
+use crate::model::mechanism::Row;
+
+/// Mode of dry friction at one axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Grip {
+    /// Holds.
+    #[default]
+    Stuck,
+    /// Slides forwards.
+    Forward,
+    /// Slides backwards.
+    Backward,
+}
+
+impl Grip {
+    /// Direction of sliding: 1, -1, or 0 when stuck.
+    #[must_use]
+    pub const fn direction(self) -> f64 {
+        match self {
+            Self::Stuck => 0.0,
+            Self::Forward => 1.0,
+            Self::Backward => -1.0,
+        }
+    }
+    /// Sliding in the direction of `rate`; stuck at exactly zero.
+    #[must_use]
+    pub fn along(rate: f64) -> Self {
+        if rate > 0.0 {
+            Self::Forward
+        } else if rate < 0.0 {
+            Self::Backward
+        } else {
+            Self::Stuck
+        }
+    }
+}
+
+/// Dry friction.
+#[derive(Clone, Debug)]
+pub struct DryFriction<S> {
+    /// Coulomb level, Nm.
+    pub coulomb: S,
+    /// Stribeck: extra level at rest, Nm, and the rate at which it is down to 1/e, rad/s.
+    pub stribeck: Option<(S, S)>,
+    /// Level per transmitted torque.
+    pub load: S,
+    /// Relative growth of the Coulomb level, 1/s, from t = 0 of the recording's clock.
+    pub drift: S,
+    /// Bristle stiffness, Nm/rad; none = rigid sticking.
+    pub bristle: Option<S>,
+}
+
+impl<S: Scalar> DryFriction<S> {
+    /// Level at rate `r` and time `t`, while `transmitted` passes through the joint. Never negative.
+    #[inline]
+    #[must_use]
+    pub fn level(&self, r: S, t: S, transmitted: S) -> S {
+        let mut level = self.coulomb;
+        if self.drift.value() != 0.0 || self.drift.is_varied() {
+            level *= self.drift * t + 1.0;
+        }
+        if let Some((extra, velocity)) = self.stribeck {
+            level += extra * (-(r / velocity).square()).exp();
+        }
+        if self.load.value() != 0.0 || self.load.is_varied() {
+            level += self.load * transmitted.abs();
+        }
+        if level.value() < 0.0 { S::zero() } else { level }
+    }
+
+    /// True if the level depends on what the joint transmits.
+    #[must_use]
+    pub fn needs_load(&self) -> bool {
+        self.load.value() != 0.0 || self.load.is_varied()
+    }
+}
+
+/// Damping ratio of a bristle against the inertia it holds. LuGre needs some, or breakaway rings; the contract gives no
+/// number. 0.3 is what published LuGre fits of small drives have (0.2 to 0.5).
+pub const BRISTLE_RATIO: f64 = 0.3;
+
+/// A spring beside the joint.
+#[derive(Clone, Copy, Debug)]
+pub struct Spring<S> {
+    /// Nm/rad.
+    pub stiffness: S,
+    /// Where it is slack, rad.
+    pub rest: S,
+}
+
+/// Cogging and the like: amplitude · sin(order · q + phase).
+#[derive(Clone, Copy, Debug)]
+pub struct Ripple<S> {
+    /// Nm.
+    pub amplitude: S,
+    /// Periods per turn.
+    pub order: S,
+    /// rad.
+    pub phase: S,
+}
+
+/// All laws at one side of one joint.
+#[derive(Clone, Debug)]
+pub struct Axis<S> {
+    /// The coordinate in generalised ones.
+    pub row: Row,
+    /// Index of the mechanism's coordinate.
+    pub joint: usize,
+    /// It is the motor's side of an elastic or loose joint.
+    pub is_motor: bool,
+    /// Nm s/rad.
+    pub viscous: S,
+    /// Nm s²/rad².
+    pub quadratic: S,
+    /// Constant torque, Nm; `friction_asymmetry` is exactly minus its difference here, sticking included.
+    pub offset: S,
+    /// Springs.
+    pub springs: Vec<Spring<S>>,
+    /// Ripples, one per order.
+    pub ripples: Vec<Ripple<S>>,
+    /// Dry friction, if any effect names it.
+    pub dry: Option<DryFriction<S>>,
+}
+
+impl<S: Scalar> Axis<S> {
+    /// No law yet.
+    #[must_use]
+    pub fn new(row: Row, joint: usize, is_motor: bool) -> Self {
+        Self {
+            row,
+            joint,
+            is_motor,
+            viscous: S::zero(),
+            quadratic: S::zero(),
+            offset: S::zero(),
+            springs: Vec::new(),
+            ripples: Vec::new(),
+            dry: None,
+        }
+    }
+
+    /// Torque of the smooth laws at angle `q` and rate `r`.
+    #[inline]
+    #[must_use]
+    pub fn smooth_torque(&self, q: S, r: S) -> S {
+        let mut torque = self.offset - self.viscous * r;
+        if self.quadratic.value() != 0.0 || self.quadratic.is_varied() {
+            torque -= self.quadratic * r * r.abs();
+        }
+        for spring in &self.springs {
+            torque -= spring.stiffness * (q - spring.rest);
+        }
+        for ripple in &self.ripples {
+            torque += ripple.amplitude * (ripple.order * q + ripple.phase).sin();
+        }
+        torque
+    }
+
+    /// The dry friction of this axis, made on first use.
+    pub fn dry_mut(&mut self) -> &mut DryFriction<S> {
+        self.dry.get_or_insert_with(|| DryFriction {
+            coulomb: S::zero(),
+            stribeck: None,
+            load: S::zero(),
+            drift: S::zero(),
+            bristle: None,
+        })
+    }
+}

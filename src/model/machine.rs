@@ -1,0 +1,380 @@
+//! The stepping machine: a mechanism with motors, sensors and effects, advanced exactly through its events.
+//!
+//! # How to drive it
+//! ```text
+//! let setting = Setting::of(&rig, recording, setup);           // what holds here
+//! let mut machine = Machine::<f64>::new(&setting, &|n| n.value, 1)?;
+//! machine.reset(t0, &initial);                                 // coordinates, rates, inner states: initial_layout()
+//! loop {
+//!     machine.command(0, command, enabled);                    // held until the next one, per actuator
+//!     machine.advance_to(t)?;                                  // steps between events, lands on t exactly
+//!     let y = machine.read(sensor);                            // or coordinate(), rate(), stance(), ground_force()
+//! }
+//! ```
+//! With dual numbers in `lift` the same run carries exact derivatives: the instant of each event is corrected by one
+//! Newton step in dual numbers, which is the saltation term.
+//!
+//! # How it steps
+//! Fixed-step RK4 between events. The step is the shortest of [`LONGEST_STEP_S`] and fractions of the fastest rates of
+//! the linearised machine. Events: friction stops, breaks away; play opens, closes; delayed commands arrive; pushes;
+//! touchdown, slip, lift-off. Command and lag are exact functions of time inside a step.
+//! RT: stepping allocates nothing once built, but for the history of a delayed sensor.
+
+mod build;
+mod contact;
+mod events;
+mod motion;
+mod solve;
+mod start;
+
+use super::effect::actuator::Drive;
+use super::effect::drive::{Rotor, StructuralMode};
+use super::effect::friction::{Axis, Grip};
+use super::effect::sensing::Pickup;
+use super::mechanism::{Body, Mechanism, Row};
+use crate::base::scalar::Scalar;
+use std::collections::VecDeque;
+
+pub use motion::{Phase, Work};
+pub use start::Inner;
+
+/// Most bristles.
+pub const MAX_BRISTLES: usize = 3;
+
+/// RK4 at 2.5 ms: motions of 10 rad/s are exact to 3e-9 per period (hω = .025, error (hω)⁴/120 per rad); stiffer ones
+/// shorten the step themselves.
+pub const LONGEST_STEP_S: f64 = 2.5e-3;
+
+/// Why a machine cannot be built or cannot go on.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MachineError {
+    /// The setting asks for something that is not modelled.
+    #[error("{0}")]
+    Unsupported(String),
+    /// The state left all bounds.
+    #[error("the state diverged at t = {0:.3} s")]
+    Diverged(f64),
+}
+
+/// One disturbance to come.
+#[derive(Clone, Debug)]
+struct Push<S> {
+    row: Row,
+    impulse: S,
+    time: S,
+    done: bool,
+}
+
+/// Mode of a rotor with play and no spring.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Play {
+    /// Between its stops.
+    Free,
+    /// Leaning on a stop: +1 pushes the link forwards.
+    Closed(f64),
+    /// No play at all: one body.
+    Rigid,
+}
+
+/// A point of the past: time, signal and slope of each pickup.
+#[derive(Clone, Debug)]
+struct Knot<S> {
+    t: S,
+    signals: Vec<(S, S)>,
+}
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub struct Machine<S> {
+    body: Body<S>,
+    /// Generalised coordinates of the bare mechanism, and with rotors and modes.
+    n_body: usize,
+    n: usize,
+    bristles: usize,
+    axes: Vec<Axis<S>>,
+    grips: Vec<Grip>,
+    rotors: Vec<Rotor<S>>,
+    plays: Vec<Play>,
+    structures: Vec<StructuralMode<S>>,
+    drives: Vec<Drive<S>>,
+    pickups: Vec<Pickup<S>>,
+    pushes: Vec<Push<S>>,
+    walks: bool,
+    now: S,
+    y: Phase<S>,
+    end: Phase<S>,
+    work: Work<S>,
+    /// Lagged signal of each pickup.
+    lagged: Vec<S>,
+    before: Vec<S>,
+    history: VecDeque<Knot<S>>,
+    keeps_history: bool,
+    step_s: f64,
+    refine: u32,
+}
+
+impl<S: Scalar> Machine<S> {
+    /// Present time, s.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        self.now.value()
+    }
+
+    /// Number of pickups (sensors).
+    #[must_use]
+    pub fn sensors(&self) -> usize {
+        self.pickups.len()
+    }
+
+    /// Named coordinate `joint`, link side.
+    #[must_use]
+    pub fn coordinate(&self, joint: usize) -> S {
+        self.body.row(joint).of(&self.y.q)
+    }
+
+    /// Its rate.
+    #[must_use]
+    pub fn rate(&self, joint: usize) -> S {
+        self.body.row(joint).of(&self.y.v)
+    }
+
+    /// Angle and rate of the motor of `joint` (at the joint): its rotor's, or the link's on a rigid joint.
+    #[must_use]
+    pub fn motor(&self, joint: usize) -> [S; 2] {
+        match self.rotors.iter().find(|r| r.joint == joint) {
+            Some(rotor) => [self.y.q[rotor.index], self.y.v[rotor.index]],
+            None => [self.coordinate(joint), self.rate(joint)],
+        }
+    }
+
+    /// True if dry friction holds any axis of coordinate `joint`.
+    #[must_use]
+    pub fn is_stuck(&self, joint: usize) -> bool {
+        let mut pairs = self.axes.iter().zip(&self.grips);
+        pairs.any(|(axis, grip)| axis.joint == joint && axis.dry.is_some() && *grip == Grip::Stuck)
+    }
+
+    /// Torque of all motors on `joint` now, Nm.
+    #[must_use]
+    pub fn motor_torque(&self, joint: usize) -> S {
+        let mut sum = S::zero();
+        for drive in self.drives.iter().filter(|d| d.joint == joint) {
+            sum += drive.torque(self.now, drive.row.of(&self.y.v));
+        }
+        sum
+    }
+
+    /// Gives actuator `index` a command that holds from now on.
+    pub fn command(&mut self, index: usize, command: f64, enabled: bool) {
+        if let Some(drive) = self.drives.get_mut(index) {
+            drive.command(command, enabled, self.now);
+        }
+    }
+
+    /// Tells actuator `index` of a command given at `t_s`, before the present: what is still on its way, or in its lag.
+    pub fn command_past(&mut self, index: usize, command: f64, enabled: bool, t_s: f64) {
+        let now = self.now.value();
+        if let Some(drive) = self.drives.get_mut(index) {
+            drive.command(command, enabled, S::constant(t_s));
+            while drive.next_arrival().is_some_and(|t| t.value() <= now) {
+                drive.arrive();
+            }
+        }
+    }
+
+    /// Longest memory of any actuator, s: commands older than this no longer matter.
+    #[must_use]
+    pub fn memory_s(&self) -> f64 {
+        self.drives.iter().map(Drive::memory_s).fold(0.0, f64::max)
+    }
+
+    /// Puts knots before the start into the history of delayed sensors: the motion run backwards to `t_s` in its present
+    /// modes. Call after [`Self::reset`], with the commands of that time set; the present state stays.
+    pub fn rewind_to(&mut self, t_s: f64) {
+        let (y, now) = (self.y.clone(), self.now);
+        let mut past: Vec<Knot<S>> = Vec::new();
+        let steps = ((now.value() - t_s) / self.step_s).ceil().max(1.0);
+        let h = S::constant((t_s - now.value()) / steps);
+        let mut done = 0.0;
+        while done < steps {
+            self.rk4(h);
+            self.y.copy_from(&self.end, self.n, self.bristles);
+            self.now += h;
+            let signal = |p: &Pickup<S>| {
+                let slope = if p.is_rate { S::zero() } else { p.row.of(&self.y.v) };
+                (p.truth(&self.y.q, &self.y.v), slope)
+            };
+            past.push(Knot { t: self.now, signals: self.pickups.iter().map(signal).collect() });
+            done += 1.0;
+        }
+        for knot in past {
+            self.history.push_front(knot);
+        }
+        self.y = y;
+        self.now = now;
+    }
+
+    /// As if actuator `index` had had this command for ever.
+    pub fn settle_drive(&mut self, index: usize, command: f64) {
+        if let Some(drive) = self.drives.get_mut(index) {
+            drive.settle(command, self.now);
+        }
+    }
+
+    /// What sensor `index` reads now, before quantisation and noise. Delays look into the past as far as it goes.
+    #[must_use]
+    pub fn read(&self, index: usize) -> S {
+        self.read_labelled(index, self.now)
+    }
+
+    /// What sensor `index` reads under the label `t`; `t` may lie in the kept past (delayed sensors only).
+    #[must_use]
+    pub fn read_labelled(&self, index: usize, t: S) -> S {
+        let pickup = &self.pickups[index];
+        let signal = if pickup.is_shifted() { self.past(index, pickup.taken_at(t)) } else { self.lagged[index] };
+        pickup.reading(signal, t)
+    }
+
+    /// Latest instant whose sensor readings are already decided, as a lead in s over the label: positive for clocks that
+    /// run slow, whose readings are taken after their label.
+    #[must_use]
+    pub fn is_sensor_shifted(&self, index: usize) -> bool {
+        self.pickups[index].is_shifted()
+    }
+
+    /// When sensor `index` takes the reading labelled `t`, s.
+    #[must_use]
+    pub fn taken_at_s(&self, index: usize, t: f64) -> f64 {
+        self.pickups[index].taken_at(S::constant(t)).value()
+    }
+
+    /// Signal of pickup `index` at time `t`: cubic between knots, along the tangent outside.
+    fn past(&self, index: usize, t: S) -> S {
+        let after = self.history.partition_point(|k| k.t.value() <= t.value());
+        let (Some(first), Some(last)) = (self.history.front(), self.history.back()) else {
+            return self.lagged[index];
+        };
+        let along = |knot: &Knot<S>| knot.signals[index].0 + knot.signals[index].1 * (t - knot.t);
+        if after == 0 {
+            return along(first);
+        }
+        let (Some(a), Some(b)) = (self.history.get(after - 1), self.history.get(after)) else { return along(last) };
+        let h = b.t - a.t;
+        if h.value() <= 0.0 {
+            return along(b);
+        }
+        let ((y0, d0), (y1, d1)) = (a.signals[index], b.signals[index]);
+        let s = (t - a.t) / h;
+        let (s2, s3) = (s * s, s * s * s);
+        y0 * (s3 * 2.0 - s2 * 3.0 + 1.0)
+            + d0 * h * (s3 - s2 * 2.0 + s)
+            + y1 * (s2 * 3.0 - s3 * 2.0)
+            + d1 * h * (s3 - s2)
+    }
+
+    /// Runs to time `t` exactly, through all events on the way.
+    ///
+    /// # Errors
+    /// The state is no longer finite.
+    pub fn advance_to(&mut self, t: f64) -> Result<(), MachineError> {
+        let end = S::constant(t);
+        while let Some(stop) = self.next_stop(end) {
+            self.run(stop.1 - self.now)?;
+            self.now = stop.1;
+            match stop.0 {
+                Stop::End => return Ok(()),
+                Stop::Arrival(i) => self.drives[i].arrive(),
+                Stop::Push(i) => self.push(i),
+            }
+        }
+        Ok(())
+    }
+
+    /// What comes first: a delayed command, a push, or the end.
+    fn next_stop(&self, end: S) -> Option<(Stop, S)> {
+        let mut first = (Stop::End, end);
+        for (i, drive) in self.drives.iter().enumerate() {
+            if let Some(t) = drive.next_arrival()
+                && t.value() <= first.1.value()
+            {
+                first = (Stop::Arrival(i), t);
+            }
+        }
+        for (i, push) in self.pushes.iter().enumerate() {
+            if !push.done && push.time.value() >= self.now.value() && push.time.value() < first.1.value() {
+                first = (Stop::Push(i), push.time);
+            }
+        }
+        Some(first)
+    }
+
+    /// Runs for `h` with everything outside the mechanism unchanged.
+    fn run(&mut self, h: S) -> Result<(), MachineError> {
+        if h.value() <= 0.0 {
+            self.shift(h);
+            return Ok(());
+        }
+        self.settle_modes();
+        let steps = (h.value() * f64::from(self.refine) / self.step_s).ceil().max(1.0);
+        let piece = h / steps;
+        let mut done = 0.0;
+        while done < steps {
+            self.substep(piece)?;
+            done += 1.0;
+        }
+        if self.y.is_bounded(self.n) { Ok(()) } else { Err(MachineError::Diverged(self.now.value())) }
+    }
+
+    /// Moves along the tangent for a time without length: the derivative of a switching instant.
+    fn shift(&mut self, h: S) {
+        if h.is_varied() {
+            self.flow_at_start();
+            self.y.drift(&self.work, h, self.n, self.bristles);
+        }
+        self.now += h;
+    }
+
+    /// The step from `y` to `end` becomes the past.
+    fn accept(&mut self, h: S) {
+        for (i, pickup) in self.pickups.iter().enumerate() {
+            let truth = pickup.truth(&self.end.q, &self.end.v);
+            self.lagged[i] = pickup.follow(self.lagged[i], self.before[i], truth, h);
+            self.before[i] = truth;
+        }
+        self.y.copy_from(&self.end, self.n, self.bristles);
+        self.now += h;
+        self.remember();
+    }
+
+    /// Keeps the present as a knot, if a delayed sensor needs it.
+    fn remember(&mut self) {
+        if !self.keeps_history {
+            return;
+        }
+        let signals = self.pickups.iter().zip(&self.lagged).zip(&self.before);
+        let signals = signals.map(|((pickup, lagged), truth)| {
+            let slope = match pickup.lag {
+                Some(lag) if lag.value() > 0.0 => (*truth - *lagged) / lag,
+                _ if pickup.is_rate => S::zero(),
+                _ => pickup.row.of(&self.y.v),
+            };
+            (*lagged, slope)
+        });
+        self.history.push_back(Knot { t: self.now, signals: signals.collect() });
+    }
+
+    /// Forgets the past before `t_s`; a driver that runs for hours calls it now and then.
+    pub fn forget_before(&mut self, t_s: f64) {
+        while self.history.len() > 2 && self.history[1].t.value() < t_s {
+            self.history.pop_front();
+        }
+    }
+}
+
+/// Why a run pauses.
+#[derive(Clone, Copy, Debug)]
+enum Stop {
+    End,
+    Arrival(usize),
+    Push(usize),
+}

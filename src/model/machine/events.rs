@@ -1,0 +1,318 @@
+//! Where a step must end early, exactly, and what happens there. RT: yes, no allocation.
+
+use super::motion::{Holder, product};
+use super::{Machine, MachineError, Play};
+use crate::base::scalar::Scalar;
+use crate::model::effect::friction::Grip;
+use crate::model::mechanism::MAX;
+
+/// What may end a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Guard {
+    /// A sliding axis comes to rest.
+    Stop(usize),
+    /// A stuck axis is pulled beyond its friction.
+    Release(usize),
+    /// A rotor meets its stop.
+    Meet(usize),
+    /// A rotor is pulled off its stop.
+    Part(usize),
+}
+
+/// Events in one substep; beyond that (chatter at a point of rest) the step is taken as it is.
+const MOST_EVENTS: usize = 24;
+/// Iterations of the search for an event; bisection alone would need 40.
+const MOST_ITERATIONS: usize = 60;
+/// An event is located to this, s: far below what any sample sees, above the rounding of a step.
+const TIME_TOLERANCE_S: f64 = 1e-13;
+/// Changes of mode at one instant: each axis and rotor a few times.
+const MOST_CHANGES: usize = 8;
+/// A rate below this, rad/s, is rest after an impulse.
+const AT_REST: f64 = 1e-12;
+
+impl<S: Scalar> Machine<S> {
+    /// One step of length `h` with all events in it.
+    pub(super) fn substep(&mut self, h: S) -> Result<(), MachineError> {
+        let mut left = h;
+        for _ in 0..MOST_EVENTS {
+            self.rk4(left);
+            if self.first_violated(left).is_none() {
+                return self.finish(left);
+            }
+            let (fraction, guard) = self.locate(left);
+            left -= self.go_to_event(left * fraction, guard);
+            self.happen(guard);
+            if left.value() <= 0.0 {
+                self.shift(left);
+                return Ok(());
+            }
+        }
+        self.rk4(left);
+        self.finish(left)
+    }
+
+    fn finish(&mut self, h: S) -> Result<(), MachineError> {
+        if !self.end.is_bounded(self.n) {
+            return Err(MachineError::Diverged(self.now.value()));
+        }
+        self.accept(h);
+        Ok(())
+    }
+
+    /// The guard that the state in `end` breaks most, if any.
+    fn first_violated(&mut self, h: S) -> Option<Guard> {
+        let mut worst: Option<(Guard, f64)> = None;
+        let mut consider = |guard: Guard, value: f64| {
+            if value < 0.0 && worst.is_none_or(|(_, w)| value < w) {
+                worst = Some((guard, value));
+            }
+        };
+        let mut needs_forces = false;
+        for (i, axis) in self.axes.iter().enumerate() {
+            match (&axis.dry, self.grips[i]) {
+                (Some(dry), grip) if dry.bristle.is_none() => match grip {
+                    Grip::Stuck => needs_forces = true,
+                    grip => consider(Guard::Stop(i), grip.direction() * axis.row.of(&self.end.v).value()),
+                },
+                _ => {}
+            }
+        }
+        for (i, rotor) in self.rotors.iter().enumerate() {
+            match self.plays[i] {
+                Play::Free if rotor.spring.is_none() => {
+                    consider(Guard::Meet(i), rotor.gap.value() * 0.5 - rotor.twist(&self.end.q).value().abs());
+                }
+                Play::Closed(_) => needs_forces = true,
+                _ => {}
+            }
+        }
+        if needs_forces {
+            let mut work = std::mem::take(&mut self.work);
+            self.flow(&self.end, self.now + h, &mut work);
+            for (guard, value) in self.force_guards(&work) {
+                consider(guard, value);
+            }
+            self.work = work;
+        }
+        worst.map(|(guard, _)| guard)
+    }
+
+    /// Guards that look at the forces of the last [`Self::flow`]; below zero = broken.
+    fn force_guards<'a>(&'a self, work: &'a super::Work<S>) -> impl Iterator<Item = (Guard, f64)> + 'a {
+        (0..work.held).filter_map(move |k| {
+            let force = work.lambda[k].value();
+            match work.constraints[k]?.holder {
+                Holder::Axis(i) => {
+                    let level = work.level[i].value();
+                    Some((Guard::Release(i), level * (1.0 + ROUNDING) + f64::MIN_POSITIVE - force.abs()))
+                }
+                Holder::Rotor(i) => match self.plays[i] {
+                    // The contact pushes the rotor back: against the side it leans to.
+                    Play::Closed(side) => Some((Guard::Part(i), ROUNDING - force * side)),
+                    _ => None,
+                },
+            }
+        })
+    }
+
+    /// Fraction of `h` after which the first guard breaks, and which. `end` holds a broken state.
+    fn locate(&mut self, h: S) -> (f64, Guard) {
+        let (mut low, mut high) = (0.0_f64, 1.0_f64);
+        let mut guard = self.first_violated(h);
+        let mut last = guard;
+        let mut value_high = self.guard_value(guard);
+        let mut value_low: Option<f64> = None;
+        for i in 0..MOST_ITERATIONS {
+            if (high - low) * h.value() <= TIME_TOLERANCE_S {
+                break;
+            }
+            let middle = 0.5 * (low + high);
+            // Secant on the same guard, every third time plain halving so that the bracket must shrink.
+            let trial = match (value_low, value_high) {
+                (Some(a), Some(b)) if i % 3 != 2 && a > 0.0 && b < 0.0 => secant(low, high, a, b),
+                _ => middle,
+            };
+            self.rk4(h * trial);
+            let broken = self.first_violated(h * trial);
+            if broken.is_some() {
+                high = trial;
+                guard = broken;
+                value_high = self.guard_value(guard);
+                if guard != last {
+                    value_low = None;
+                    last = guard;
+                }
+            } else {
+                low = trial;
+                value_low = self.guard_value(guard);
+            }
+        }
+        (high, guard.unwrap_or(Guard::Stop(0)))
+    }
+
+    /// Value of a guard that looks at the state alone.
+    fn guard_value(&self, guard: Option<Guard>) -> Option<f64> {
+        match guard? {
+            Guard::Stop(i) => Some(self.grips[i].direction() * self.axes[i].row.of(&self.end.v).value()),
+            Guard::Meet(i) => {
+                let rotor = &self.rotors[i];
+                Some(rotor.gap.value() * 0.5 - rotor.twist(&self.end.q).value().abs())
+            }
+            Guard::Release(_) | Guard::Part(_) => None,
+        }
+    }
+
+    /// Steps to the event and corrects its instant by one Newton step in dual numbers. Returns the time taken.
+    fn go_to_event(&mut self, h: S, guard: Guard) -> S {
+        let h = S::constant(h.value());
+        self.rk4(h);
+        let correction = self.correction(h, guard);
+        if correction.is_varied() {
+            let mut work = std::mem::take(&mut self.work);
+            self.flow(&self.end, self.now + h, &mut work);
+            self.end.drift(&work, correction, self.n, self.bristles);
+            self.work = work;
+        }
+        let reached = h + correction;
+        self.accept(reached);
+        reached
+    }
+
+    /// `-g' / ġ`: how the instant of the event moves with the directions (value zero).
+    fn correction(&mut self, h: S, guard: Guard) -> S {
+        let (g, rate) = match guard {
+            Guard::Stop(i) => {
+                let mut work = std::mem::take(&mut self.work);
+                self.flow(&self.end, self.now + h, &mut work);
+                let rate = self.axes[i].row.of(&work.a);
+                self.work = work;
+                (self.axes[i].row.of(&self.end.v), rate)
+            }
+            Guard::Meet(i) => {
+                let rotor = &self.rotors[i];
+                let (twist, rate) = (rotor.twist(&self.end.q), rotor.twist(&self.end.v));
+                (twist - rotor.gap * (0.5 * twist.sign()), rate)
+            }
+            // The flow does not jump here, so the instant does not matter to first order.
+            Guard::Release(_) | Guard::Part(_) => return S::zero(),
+        };
+        if rate.value().abs() < f64::MIN_POSITIVE { S::zero() } else { -((g - g.value()) / rate.value()) }
+    }
+
+    /// Changes the mode at an event; `y` is the state there.
+    fn happen(&mut self, guard: Guard) {
+        match guard {
+            Guard::Stop(i) => {
+                self.grips[i] = Grip::Stuck;
+                if let &[(index, _)] = self.axes[i].row.terms() {
+                    // Exactly at rest: what is left is rounding.
+                    self.y.v[index] = S::zero();
+                }
+            }
+            Guard::Release(i) => self.release(i),
+            Guard::Meet(i) => self.meet(i),
+            Guard::Part(i) => self.plays[i] = Play::Free,
+        }
+        self.settle_modes();
+    }
+
+    /// A stuck axis slides where it is pulled: against the force that held it.
+    fn release(&mut self, i: usize) {
+        self.flow_at_start();
+        let force = self.work.force_of(Holder::Axis(i)).map_or(0.0, Scalar::value);
+        self.grips[i] = Grip::along(-force);
+    }
+
+    /// Inelastic meeting of rotor and link.
+    fn meet(&mut self, i: usize) {
+        let side = self.rotors[i].twist(&self.y.q).sign();
+        let row = self.rotors[i].contact_row();
+        self.flow_at_start();
+        let response = self.work.kick(&row, self.n);
+        let impulse = -(product(&row, &self.y.v, self.n) / product(&row, &response, self.n));
+        for k in 0..self.n {
+            self.y.v[k] += response[k] * impulse;
+        }
+        self.plays[i] = Play::Closed(side);
+        self.regrip();
+        self.before_now();
+    }
+
+    /// After an impulse every axis slides along its rate, or is at rest.
+    pub(super) fn regrip(&mut self) {
+        for (axis, grip) in self.axes.iter().zip(&mut self.grips) {
+            let rate = axis.row.of(&self.y.v).value();
+            if axis.dry.is_some() {
+                *grip = if rate.abs() > AT_REST { Grip::along(rate) } else { Grip::Stuck };
+            }
+        }
+    }
+
+    /// An impulse on a coordinate.
+    pub(super) fn push(&mut self, index: usize) {
+        self.pushes[index].done = true;
+        let mut row = [S::zero(); MAX];
+        self.pushes[index].row.push(S::one(), &mut row);
+        self.flow_at_start();
+        let response = self.work.kick(&row, self.n);
+        let impulse = self.pushes[index].impulse;
+        for k in 0..self.n {
+            self.y.v[k] += response[k] * impulse;
+        }
+        self.regrip();
+        self.before_now();
+    }
+
+    /// The truth just after a jump, so that lags start from it.
+    fn before_now(&mut self) {
+        for (i, pickup) in self.pickups.iter().enumerate() {
+            self.before[i] = pickup.truth(&self.y.q, &self.y.v);
+            if pickup.lag.is_none() {
+                self.lagged[i] = self.before[i];
+            }
+        }
+        self.remember();
+    }
+
+    /// Releases whatever is held beyond its strength under the present commands.
+    pub(super) fn settle_modes(&mut self) {
+        for _ in 0..MOST_CHANGES {
+            let stuck = self.axes.iter().zip(&self.grips).any(|(a, g)| a.dry.is_some() && *g == Grip::Stuck);
+            let closed = self.plays.iter().any(|p| matches!(p, Play::Closed(_)));
+            if !stuck && !closed {
+                return;
+            }
+            self.flow_at_start();
+            let broken = self.force_guards(&self.work).filter(|(_, value)| *value < 0.0);
+            let Some((guard, _)) = broken.min_by(|a, b| a.1.total_cmp(&b.1)) else { return };
+            match guard {
+                Guard::Release(i) => self.release(i),
+                Guard::Part(i) => self.plays[i] = Play::Free,
+                Guard::Stop(_) | Guard::Meet(_) => return,
+            }
+        }
+    }
+
+    /// Kinetic energy now, J.
+    pub fn kinetic_energy(&mut self) -> S {
+        self.flow_at_start();
+        let mut sum = S::zero();
+        for i in 0..self.n {
+            for j in 0..self.n {
+                sum += self.work.eq.mass[i][j] * self.y.v[i] * self.y.v[j] * 0.5;
+            }
+        }
+        sum
+    }
+}
+
+/// Relative slack of a force against its limit.
+const ROUNDING: f64 = 1e-10;
+
+/// Zero of the straight line, kept off the ends of the bracket.
+fn secant(low: f64, high: f64, a: f64, b: f64) -> f64 {
+    let x = low + (high - low) * a / (a - b);
+    let margin = 1e-3 * (high - low);
+    // Lands just beyond the zero, so that the bracket shrinks from above as well.
+    (x + 1e-9 * (high - low)).clamp(low + margin * 1e-6, high - margin * 1e-6)
+}

@@ -1,0 +1,195 @@
+//! Where a run starts: the numbers of an initial state, and the step that suits it. RT: before arming only.
+
+use super::motion::Work;
+use super::{LONGEST_STEP_S, Machine, Play};
+use crate::base::scalar::Scalar;
+use crate::model::effect::friction::Axis;
+use crate::model::mechanism::{Body, MAX, Mechanism};
+
+/// One number of an initial state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Inner {
+    /// Generalised coordinate of the mechanism.
+    Coordinate(usize),
+    /// Its rate.
+    Rate(usize),
+    /// Twist of a rotor against its link.
+    Twist(usize),
+    /// Rate of that twist (elastic joints only; play starts at rest against the link).
+    TwistRate(usize),
+    /// Deflection of a structural mode.
+    Deflection(usize),
+    /// Its rate.
+    DeflectionRate(usize),
+    /// A bristle.
+    Bristle(usize),
+    /// What the lag of a sensor is behind its quasi-steady value, per second of time constant.
+    Lag(usize),
+}
+
+/// Whether an axis has a bristle.
+pub(super) trait Bristled {
+    fn is_bristled(&self) -> bool;
+}
+
+impl<S: Scalar> Bristled for Axis<S> {
+    fn is_bristled(&self) -> bool {
+        self.dry.as_ref().is_some_and(|d| d.bristle.is_some())
+    }
+}
+
+impl<S: Scalar> Machine<S> {
+    /// What the numbers of [`Self::reset`] are, in order.
+    #[must_use]
+    pub fn initial_layout(&self) -> Vec<Inner> {
+        let moving = self.n_body.min(2);
+        let mut layout: Vec<Inner> = (0..moving).map(Inner::Coordinate).collect();
+        layout.extend((0..moving).map(Inner::Rate));
+        for (i, rotor) in self.rotors.iter().enumerate() {
+            if self.plays[i] != Play::Rigid {
+                layout.push(Inner::Twist(i));
+            }
+            if rotor.spring.is_some() {
+                layout.push(Inner::TwistRate(i));
+            }
+        }
+        for i in 0..self.structures.len() {
+            layout.extend([Inner::Deflection(i), Inner::DeflectionRate(i)]);
+        }
+        layout.extend((0..self.bristles).map(Inner::Bristle));
+        let lags = self.pickups.iter().enumerate().filter(|(_, p)| p.lag.is_some());
+        layout.extend(lags.map(|(i, _)| Inner::Lag(i)));
+        layout
+    }
+
+    /// Starts at `t_s` from `initial` (see [`Self::initial_layout`]); numbers left out are zero.
+    pub fn reset(&mut self, t_s: f64, initial: &[S]) {
+        self.now = S::constant(t_s);
+        self.y = Default::default();
+        let mut lags = vec![S::zero(); self.pickups.len()];
+        let layout = self.initial_layout();
+        let (mut twists, mut twist_rates) = ([S::zero(); MAX], [S::zero(); MAX]);
+        for (what, x) in layout.iter().zip(initial.iter().copied()) {
+            match *what {
+                Inner::Coordinate(i) => self.y.q[i] = x,
+                Inner::Rate(i) => self.y.v[i] = x,
+                Inner::Twist(i) => twists[i] = x,
+                Inner::TwistRate(i) => twist_rates[i] = x,
+                Inner::Deflection(i) => self.y.q[self.structures[i].index] = x,
+                Inner::DeflectionRate(i) => self.y.v[self.structures[i].index] = x,
+                Inner::Bristle(i) => self.y.z[i] = x,
+                Inner::Lag(i) => lags[i] = x,
+            }
+        }
+        for i in 0..self.rotors.len() {
+            self.start_rotor(i, twists[i], twist_rates[i]);
+        }
+        self.regrip();
+        self.start_pickups(&lags);
+        for push in &mut self.pushes {
+            push.done = push.time.value() < t_s;
+        }
+        self.history.clear();
+        self.remember();
+        self.step_s = self.suitable_step();
+    }
+
+    fn start_rotor(&mut self, i: usize, twist: S, twist_rate: S) {
+        let rotor = &self.rotors[i];
+        let half = rotor.gap * 0.5;
+        let (mut twist, mut play) = (twist, self.plays[i]);
+        if rotor.spring.is_none() && play != Play::Rigid {
+            play = Play::Free;
+            if twist.value().abs() >= half.value() {
+                play = Play::Closed(if twist.value() < 0.0 { -1.0 } else { 1.0 });
+                twist = half * if twist.value() < 0.0 { -1.0 } else { 1.0 };
+            }
+        }
+        let index = rotor.index;
+        self.y.q[index] = rotor.link.of(&self.y.q) + twist;
+        self.y.v[index] = rotor.link.of(&self.y.v) + twist_rate;
+        self.plays[i] = play;
+    }
+
+    /// Lags start as if the present rate had lasted for ever, plus what the start says.
+    fn start_pickups(&mut self, lags: &[S]) {
+        for (i, pickup) in self.pickups.iter().enumerate() {
+            let truth = pickup.truth(&self.y.q, &self.y.v);
+            self.before[i] = truth;
+            let slope = if pickup.is_rate { S::zero() } else { pickup.row.of(&self.y.v) };
+            self.lagged[i] = pickup.lag.map_or(truth, |lag| truth - lag * (slope - lags[i]));
+        }
+    }
+
+    /// The step for RK4: [`LONGEST_STEP_S`], or a fraction of the fastest rates of the machine linearised here.
+    fn suitable_step(&mut self) -> f64 {
+        let n = self.n;
+        let mut work = Work::default();
+        let mut y = self.y.clone();
+        self.flow(&y, self.now, &mut work);
+        let base = work.a;
+        // Row sums bound the largest eigenvalue of M⁻¹K and M⁻¹D.
+        let (mut stiff, mut damped) = ([0.0_f64; MAX], [0.0_f64; MAX]);
+        for j in 0..n {
+            for (of_rates, sums) in [(false, &mut stiff), (true, &mut damped)] {
+                let x = if of_rates { &mut y.v[j] } else { &mut y.q[j] };
+                *x += S::constant(NUDGE);
+                self.flow(&y, self.now, &mut work);
+                let x = if of_rates { &mut y.v[j] } else { &mut y.q[j] };
+                *x -= S::constant(NUDGE);
+                for i in 0..n {
+                    sums[i] += (work.a[i] - base[i]).value().abs() / NUDGE;
+                }
+            }
+        }
+        let top = |sums: &[f64; MAX]| sums.iter().copied().fold(0.0, f64::max);
+        let frequency = libm::sqrt(top(&stiff)).max(self.bristle_frequency());
+        (PHASE_PER_STEP / frequency).min(DECAY_PER_STEP / top(&damped)).clamp(SHORTEST_STEP_S, LONGEST_STEP_S)
+    }
+
+    /// Fastest bristle against the inertia it holds, rad/s.
+    fn bristle_frequency(&self) -> f64 {
+        let bristled = self.axes.iter().filter_map(|a| a.dry.as_ref()?.bristle.map(|k| (a.joint, k.value())));
+        bristled.map(|(j, k)| libm::sqrt(k / self.body.link_inertia(j).value())).fold(0.0, f64::max)
+    }
+}
+
+/// Difference for the linearisation, rad.
+const NUDGE: f64 = 1e-6;
+/// rad of the fastest oscillation per step: amplitude and phase err by less than 1e-4 per ten periods (0.12⁴/120 a rad).
+const PHASE_PER_STEP: f64 = 0.12;
+/// Decay per step of the fastest damping; RK4 is stable up to 2.7.
+const DECAY_PER_STEP: f64 = 0.4;
+/// A stiffer machine is not followed below this step, s: it diverges and says so.
+const SHORTEST_STEP_S: f64 = 1e-5;
+
+impl<S: Scalar> Machine<S> {
+    /// What sensor `index` measures, as factors of the first `n` generalised coordinates (motor and link taken as one).
+    #[must_use]
+    pub fn sensor_row(&self, index: usize, n: usize) -> Vec<f64> {
+        let mut row = vec![0.0; n];
+        for &(i, factor) in self.pickups[index].row.terms() {
+            let rotor = self.rotors.iter().find(|r| r.index == i);
+            let terms = rotor.map_or_else(|| vec![(i, 1.0)], |r| r.link.terms().to_vec());
+            for (k, f) in terms.into_iter().filter(|(k, _)| *k < n) {
+                row[k] += factor * f;
+            }
+        }
+        row
+    }
+
+    /// The truth behind a reading of sensor `index`, as far as scale and bias go.
+    #[must_use]
+    pub fn undo_offsets(&self, index: usize, reading: f64) -> f64 {
+        let pickup = &self.pickups[index];
+        let scale = pickup.scale.value();
+        (reading - pickup.bias.value()) / if scale.abs() > 1e-6 { scale } else { 1.0 }
+    }
+
+    /// Puts the robot on leg `leg` (0 inner, 1 outer) before a run; set-ups with a fixed stance keep theirs.
+    pub fn set_stance(&mut self, leg: usize) {
+        if let (Body::Legs(legs), true) = (&mut self.body, self.walks) {
+            legs.set_stance(leg);
+        }
+    }
+}
