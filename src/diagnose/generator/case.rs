@@ -208,6 +208,7 @@ fn lookalikes(id: &str) -> &'static [&'static str] {
         "transport_delay" => &["actuator_lag"],
         "actuator_lag" => &["transport_delay"],
         "sensor_lag" => &["sensor_delay"],
+        "sensor_delay" => &["sensor_lag"],
         "stribeck_friction" => &["quadratic_drag", "load_friction"],
         "quadratic_drag" | "load_friction" => &["stribeck_friction"],
         "parallel_spring" => &["torque_offset"],

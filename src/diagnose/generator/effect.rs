@@ -63,10 +63,13 @@ pub(super) fn candidates(rig: &Rig) -> Vec<&'static str> {
     ];
     let has_friction = rig.values.keys().any(|name| name.starts_with("coulomb"));
     of.extend(if has_friction {
-        &["stribeck_friction", "presliding", "friction_asymmetry"][..]
+        &["stribeck_friction", "presliding", "friction_asymmetry", "friction_drift"][..]
     } else {
         &["coulomb_friction"][..]
     });
+    if rig.sensors.len() > 1 {
+        of.push("sensor_delay");
+    }
     match rig.kind {
         Kind::Pendulum => of.extend(["joint_elasticity", "backlash", "torque_ripple", "load_friction", "sensor_bias"]),
         Kind::Rotor => of.extend(["joint_elasticity", "torque_ripple", "encoder_eccentricity", "parallel_spring"]),
@@ -145,6 +148,8 @@ pub(super) fn draw(dice: &mut Dice, rig: &Rig, id: &'static str, duration_s: f64
         "backlash" => ("gap", vec![("gap", 0.01), ("rotor_inertia", dice.between(0.1, 0.4) * s.inertia)]),
         "external_push" => ("impulse", vec![("impulse", dice.sign() * 0.1 * s.inertia * s.rate), ("time", moment)]),
         "torque_limit" => ("limit", vec![("limit", 0.4 * s.torque)]),
+        "friction_drift" => ("rate", vec![("rate", dice.sign() * 0.5 / duration_s)]),
+        "sensor_delay" => ("delay", vec![("delay", 0.006)]),
         "actuator_lag" => ("time_constant", vec![("time_constant", 0.01)]),
         "transport_delay" => ("delay", vec![("delay", 0.006)]),
         "sensor_lag" => ("time_constant", vec![("time_constant", 0.01)]),
@@ -233,7 +238,8 @@ impl Effect {
             "parallel_spring" => value < s.torque / s.angle,
             "backlash" | "encoder_eccentricity" => value < 0.15 * s.angle,
             "torque_limit" => value > 0.05 * s.torque,
-            "actuator_lag" | "transport_delay" | "sensor_lag" => (0.000_5..0.08).contains(&value),
+            "friction_drift" => value < 0.3,
+            "actuator_lag" | "transport_delay" | "sensor_lag" | "sensor_delay" => (0.000_5..0.08).contains(&value),
             "clock_skew" => value < 0.05,
             "base_vibration" => value < 5.0,
             _ => true,
@@ -256,6 +262,7 @@ impl Effect {
         let Some(joint) = machine.joints.get_mut(self.index) else { return };
         match self.id {
             "coulomb_friction" => joint.coulomb += self.get("coulomb"),
+            "friction_drift" => joint.drift = self.get("rate"),
             "friction_asymmetry" => joint.difference = self.get("difference"),
             "stribeck_friction" => (joint.extra, joint.fade) = (self.get("extra"), self.get("velocity")),
             "load_friction" => joint.load = self.get("coefficient"),
