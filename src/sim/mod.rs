@@ -2,6 +2,13 @@
 //!
 //! Nothing of the control path knows that it is not real. RT: no.
 
+pub mod drive;
+pub mod imu;
+pub mod noise;
+mod objects;
+pub mod plant;
+pub mod wire;
+
 use crate::base::time::Span;
 use crate::msg::{Leg, TOES};
 

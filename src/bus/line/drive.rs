@@ -164,9 +164,9 @@ impl DriveLine {
         let before = self.state;
         self.state = State::from_statusword(answer.statusword).unwrap_or(State::NotReady);
         let fell = before == State::Enabled && self.state != State::Enabled && self.goal == DriveGoal::Enabled;
-        if fell || matches!(self.state, State::Fault | State::FaultReaction) {
+        if fell || (is_fault(self.state) && !is_fault(before)) {
             self.held_back = true;
-        } else if matches!(before, State::Fault) {
+        } else if is_fault(before) && !is_fault(self.state) {
             self.feedback.error_code = 0;
         }
         self.feedback.stamp = sampled;
@@ -237,6 +237,13 @@ impl DriveLine {
         }
     }
 
+    /// The goal of this cycle, whether or not a command goes out in it.
+    pub(super) fn note_goal(&mut self, goal: DriveGoal) {
+        if goal != DriveGoal::Enabled {
+            self.held_back = false;
+        }
+    }
+
     /// True if a command should go out in this phase of the round: its turn, or the goal drops.
     pub(super) fn wants_command(&self, phase: u32, command: &DriveCommand) -> bool {
         let turn = phase % self.slot.divisor == self.slot.command;
@@ -246,9 +253,6 @@ impl DriveLine {
     /// The command, one step of the power state machine at a time.
     pub(super) fn command(&mut self, now: Stamp, command: &DriveCommand) -> PdoData {
         self.goal = command.goal;
-        if command.goal != DriveGoal::Enabled {
-            self.held_back = false;
-        }
         self.command_in_flight = Some(now);
         let controlword = self.controlword();
         let follows = self.follows_commands();
@@ -329,4 +333,8 @@ impl DriveLine {
         self.feedback.state = DriveState::Lost;
         self.feedback.error_code = fault as u16;
     }
+}
+
+const fn is_fault(state: State) -> bool {
+    matches!(state, State::Fault | State::FaultReaction)
 }

@@ -327,6 +327,7 @@ impl Line {
     fn put_commands(&mut self, now: Stamp, phase: u32, commands: &DriveCommands, out: &mut FrameBatch) {
         for drive in self.drives.iter_mut().flatten() {
             let command = commands.drives.get(drive.index).copied().unwrap_or(DriveCommand::default());
+            drive.note_goal(command.goal);
             if !drive.wants_command(phase, &command) {
                 continue;
             }

@@ -1,0 +1,382 @@
+//! A simulated CiA 402 drive: object server, network and power states, synchronous process data, heartbeat both ways,
+//! emergencies, current loop with lag and limits. It knows nothing but frames and its shaft.
+//!
+//! When it no longer hears the heartbeat that it watches, or commands stay out beyond the RPDO's timer, it does what
+//! object 0x6007 says: that is the protection that works when our process is killed. RT: no.
+
+use super::objects::{Objects, PdoSetup, Plate};
+use crate::base::time::{Span, Stamp};
+use crate::bus::canopen::{
+    EMCY_HEARTBEAT_LOST, EMCY_PDO_TOO_SHORT, EMCY_RPDO_TIMEOUT, Emergency, Message, NmtCommand, NmtState, Node, PdoData,
+};
+use crate::bus::cia402::State;
+use crate::bus::sdo::SdoValue;
+use crate::config::checked::{DriveConfig, DriveMode};
+use crate::msg::CanFrame;
+
+/// From reset to boot-up.
+const BOOT_TIME: Span = Span::from_ms(40);
+/// Both cyclic synchronous modes are there: bit 7 is position (8), bit 9 is torque (10).
+const SUPPORTED_MODES: u32 = 1 << 7 | 1 << 9;
+const MODE_POSITION: u32 = 8;
+const MODE_TORQUE: u32 = 10;
+
+/// What can be broken on purpose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Defects {
+    /// Says nothing at all, as with its cable pulled; hears nothing either.
+    pub unplugged: bool,
+    /// Its object server does not answer.
+    pub mute_server: bool,
+    /// Does not know the torque mode.
+    pub no_torque_mode: bool,
+    /// Sends no heartbeat.
+    pub no_heartbeat: bool,
+}
+
+/// The electrical side of a drive, in 1/1000 of rated torque.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Electrics {
+    /// First-order lag of the current loop, s; 0 = none.
+    pub(super) lag_s: f64,
+    /// What the current limit allows.
+    pub(super) limit_permille: f64,
+}
+
+/// A drive.
+#[derive(Clone, Debug)]
+pub struct SimDrive {
+    node: Node,
+    plate: Plate,
+    objects: Objects,
+    electrics: Electrics,
+    /// What is broken.
+    pub defects: Defects,
+    nmt: NmtState,
+    booting_until: Option<Stamp>,
+    state: State,
+    controlword: u16,
+    rpdo: PdoSetup,
+    tpdo: PdoSetup,
+    waiting: Option<PdoData>,
+    syncs: u32,
+    position_counts: i32,
+    torque_permille: f64,
+    heartbeat_due: Stamp,
+    master_heard: Option<Stamp>,
+    command_heard: Option<Stamp>,
+}
+
+impl SimDrive {
+    pub(super) fn new(config: &DriveConfig, node: Node, electrics: Electrics) -> Self {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked: positive and small")]
+        let rated_torque_mnm = libm::round(config.rated_torque_nm * 1e3) as u32;
+        // A drive of the other kind than configured would be another type; ours know both modes.
+        debug_assert!(matches!(config.mode, DriveMode::CyclicTorque | DriveMode::CyclicPosition));
+        let plate = Plate { node, rated_torque_mnm, supported_modes: SUPPORTED_MODES };
+        Self {
+            node,
+            plate,
+            objects: Objects::new(plate),
+            electrics,
+            defects: Defects::default(),
+            nmt: NmtState::PreOperational,
+            booting_until: Some(Stamp::default() + BOOT_TIME),
+            state: State::NotReady,
+            controlword: 0,
+            rpdo: PdoSetup::default(),
+            tpdo: PdoSetup::default(),
+            waiting: None,
+            syncs: 0,
+            position_counts: 0,
+            torque_permille: 0.0,
+            heartbeat_due: Stamp::default(),
+            master_heard: None,
+            command_heard: None,
+        }
+    }
+
+    /// Its power state.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.state
+    }
+
+    /// Torque that the motor makes, 1/1000 of rated.
+    #[must_use]
+    pub const fn torque_permille(&self) -> f64 {
+        self.torque_permille
+    }
+
+    /// Position that its loop drives to, counts; `None` while it has no power or no such mode.
+    #[must_use]
+    pub fn target_counts(&self) -> Option<i32> {
+        let follows = self.state == State::Enabled && self.objects.raw(0x6061, 0) == MODE_POSITION;
+        follows.then(|| self.objects.raw(0x607A, 0).cast_signed())
+    }
+
+    /// Torque that it should make now, 1/1000 of rated.
+    fn torque_target(&self) -> f64 {
+        if self.state != State::Enabled || self.objects.raw(0x6061, 0) != MODE_TORQUE {
+            return 0.0;
+        }
+        let [low, high, ..] = self.objects.raw(0x6071, 0).to_le_bytes();
+        let limit = f64::from(self.objects.raw(0x6072, 0)).min(self.electrics.limit_permille);
+        f64::from(i16::from_le_bytes([low, high])).clamp(-limit, limit)
+    }
+
+    /// Lets the current loop run for `dt` and gives the mean torque of that time, 1/1000 of rated.
+    pub fn run_current_loop(&mut self, dt: Span) -> f64 {
+        let target = self.torque_target();
+        let (start, lag_s, dt_s) = (self.torque_permille, self.electrics.lag_s, dt.as_s());
+        if lag_s <= 0.0 || dt_s <= 0.0 {
+            self.torque_permille = target;
+            return target;
+        }
+        // Exact for a constant target: i(t) = target + (start - target) exp(-t / lag), and its mean.
+        let left = libm::exp(-dt_s / lag_s);
+        self.torque_permille = target + (start - target) * left;
+        target + (start - target) * (1.0 - left) * lag_s / dt_s
+    }
+
+    /// The encoder's count, taken over by the next SYNC.
+    pub fn set_position(&mut self, counts: i32) {
+        self.position_counts = counts;
+    }
+
+    /// A frame on its bus; what it answers goes to `out`.
+    pub fn hear(&mut self, now: Stamp, frame: &CanFrame, out: &mut Vec<CanFrame>) {
+        if self.defects.unplugged {
+            return;
+        }
+        let Ok(message) = Message::parse(frame) else { return };
+        if self.booting_until.is_some() {
+            return;
+        }
+        match message {
+            Message::Nmt(command, node) if node.is_none_or(|n| n == self.node) => self.obey(now, command),
+            Message::Sync(_) => self.on_sync(out),
+            Message::Rpdo(_, node, pdo) if node == self.node => self.on_command(now, frame, pdo, out),
+            Message::SdoRequest(node, request) if node == self.node && !self.defects.mute_server => {
+                let flowing = self.nmt == NmtState::Operational;
+                if self.nmt != NmtState::Stopped {
+                    let reply = self.objects.serve(&request, flowing);
+                    out.extend(reply.map(|r| Message::SdoReply(self.node, r).emit()));
+                }
+            }
+            Message::Heartbeat(node, _) if node == self.watched_node() => {
+                self.master_heard = Some(now);
+                self.recover(EMCY_HEARTBEAT_LOST, out);
+            }
+            _ => {}
+        }
+    }
+
+    /// What it does by itself: boot-up, heartbeat, watching us. To be called once per millisecond.
+    pub fn tick(&mut self, now: Stamp, out: &mut Vec<CanFrame>) {
+        if let Some(until) = self.booting_until {
+            if now >= until {
+                self.booting_until = None;
+                self.nmt = NmtState::PreOperational;
+                self.state = State::SwitchOnDisabled;
+                self.heartbeat_due = now;
+                self.say(Message::Heartbeat(self.node, NmtState::BootUp), out);
+            }
+            return;
+        }
+        self.beat(now, out);
+        self.watch(now, out);
+        if self.state == State::FaultReaction {
+            self.state = State::Fault;
+        }
+    }
+
+    /// Cold start, as after a loss of power: everything that was written is gone.
+    pub fn reboot(&mut self, now: Stamp) {
+        let torque_mode = 1 << (MODE_TORQUE - 1);
+        let supported_modes = SUPPORTED_MODES & if self.defects.no_torque_mode { !torque_mode } else { !0 };
+        self.objects = Objects::new(Plate { supported_modes, ..self.plate });
+        self.booting_until = Some(now + BOOT_TIME);
+        self.nmt = NmtState::PreOperational;
+        self.state = State::NotReady;
+        self.controlword = 0;
+        self.waiting = None;
+        self.master_heard = None;
+        self.command_heard = None;
+    }
+
+    /// A fault of its own: it shouts, stops, and stays faulted until reset.
+    pub fn fail(&mut self, code: u16, out: &mut Vec<CanFrame>) {
+        self.shout(code, out);
+        self.state = State::FaultReaction;
+    }
+
+    fn say(&self, message: Message, out: &mut Vec<CanFrame>) {
+        if !self.defects.unplugged {
+            out.push(message.emit());
+        }
+    }
+
+    fn shout(&mut self, code: u16, out: &mut Vec<CanFrame>) {
+        self.objects.set(0x603F, 0, SdoValue::u16(code));
+        let register = u8::from(code != 0);
+        self.objects.set(0x1001, 0, SdoValue::u8(register));
+        self.say(Message::Emergency(self.node, Emergency { code, register, maker: [0; 5] }), out);
+    }
+
+    fn obey(&mut self, now: Stamp, command: NmtCommand) {
+        match command {
+            NmtCommand::Start => {
+                self.nmt = NmtState::Operational;
+                self.rpdo = self.objects.pdo(0x1400, 0x1600);
+                self.tpdo = self.objects.pdo(0x1800, 0x1A00);
+                self.syncs = 0;
+                self.command_heard = None;
+            }
+            NmtCommand::Stop => self.leave_operational(NmtState::Stopped),
+            NmtCommand::PreOperational => self.leave_operational(NmtState::PreOperational),
+            NmtCommand::ResetNode | NmtCommand::ResetCommunication => self.reboot(now),
+        }
+    }
+
+    fn leave_operational(&mut self, nmt: NmtState) {
+        self.nmt = nmt;
+        self.lose_communication();
+    }
+
+    /// Object 0x6007: what to do when commands no longer come.
+    fn lose_communication(&mut self) {
+        if !matches!(self.state, State::SwitchedOn | State::Enabled | State::QuickStop) {
+            return;
+        }
+        self.state = match self.objects.raw(0x6007, 0) {
+            0 => self.state,
+            1 => State::FaultReaction,
+            3 => State::QuickStop,
+            _ => State::SwitchOnDisabled,
+        };
+    }
+
+    fn on_command(&mut self, now: Stamp, frame: &CanFrame, pdo: PdoData, out: &mut Vec<CanFrame>) {
+        if self.nmt != NmtState::Operational || self.rpdo.id.map(u32::from) != Some(frame.id) {
+            return;
+        }
+        if pdo.len < crate::bus::pdo::mapped_bytes(&self.rpdo.entries) {
+            self.shout(EMCY_PDO_TOO_SHORT, out);
+            return;
+        }
+        self.command_heard = Some(now);
+        self.recover(EMCY_RPDO_TIMEOUT, out);
+        if self.rpdo.kind <= 240 {
+            self.waiting = Some(pdo);
+        } else {
+            self.apply(&pdo, out);
+        }
+    }
+
+    /// The end of an emergency.
+    fn recover(&mut self, code: u16, out: &mut Vec<CanFrame>) {
+        if self.objects.raw(0x603F, 0) == u32::from(code) {
+            self.shout(0, out);
+        }
+    }
+
+    /// Writes the mapped objects; a controlword moves the power state.
+    fn apply(&mut self, pdo: &PdoData, out: &mut Vec<CanFrame>) {
+        let mut at = 0;
+        for entry in self.rpdo.entries.clone() {
+            let end = at + usize::from(entry.bits / 8);
+            let mut raw = [0; 4];
+            raw.iter_mut().zip(&pdo.data[at..end]).for_each(|(slot, byte)| *slot = *byte);
+            at = end;
+            let raw = u32::from_le_bytes(raw);
+            let value = match entry.bits {
+                8 => SdoValue::u8(raw.to_le_bytes()[0]),
+                16 => SdoValue::u16((raw & 0xFFFF) as u16),
+                _ => SdoValue::u32(raw),
+            };
+            self.objects.set(entry.index, entry.sub, value);
+        }
+        let word = (self.objects.raw(0x6040, 0) & 0xFFFF) as u16;
+        let before = self.state;
+        self.state = before.after(word, self.controlword);
+        self.controlword = word;
+        if before == State::Fault && self.state != State::Fault {
+            self.shout(0, out);
+        }
+    }
+
+    fn on_sync(&mut self, out: &mut Vec<CanFrame>) {
+        if self.nmt != NmtState::Operational {
+            return;
+        }
+        if let Some(pdo) = self.waiting.take() {
+            self.apply(&pdo, out);
+        }
+        self.syncs += 1;
+        let kind = u32::from(self.tpdo.kind);
+        if (1..=240).contains(&kind) && self.syncs >= kind {
+            self.syncs = 0;
+            self.answer(out);
+        }
+    }
+
+    fn answer(&mut self, out: &mut Vec<CanFrame>) {
+        let Some(id) = self.tpdo.id else { return };
+        self.refresh();
+        let mut data = Vec::with_capacity(8);
+        for entry in &self.tpdo.entries {
+            let raw = self.objects.raw(entry.index, entry.sub).to_le_bytes();
+            data.extend_from_slice(&raw[..usize::from(entry.bits / 8)]);
+        }
+        out.push(CanFrame::new(id, &data));
+    }
+
+    /// Brings the objects that are read up to date.
+    fn refresh(&mut self) {
+        const VOLTAGE_PRESENT: u16 = 1 << 4;
+        const REMOTE: u16 = 1 << 9;
+        const FOLLOWS: u16 = 1 << 12;
+        let follows = if self.state == State::Enabled { FOLLOWS } else { 0 };
+        let word = self.state.statusword() | VOLTAGE_PRESENT | REMOTE | follows;
+        self.objects.set(0x6041, 0, SdoValue::u16(word));
+        self.objects.set(0x6064, 0, SdoValue::i32(self.position_counts));
+        #[expect(clippy::cast_possible_truncation, reason = "limited to i16 by the torque limit")]
+        let torque = libm::round(self.torque_permille) as i16;
+        self.objects.set(0x6077, 0, SdoValue::i16(torque));
+    }
+
+    fn beat(&mut self, now: Stamp, out: &mut Vec<CanFrame>) {
+        let period = Span::from_ms(i64::from(self.objects.raw(0x1017, 0)));
+        if period > Span::ZERO && now >= self.heartbeat_due && !self.defects.no_heartbeat {
+            self.heartbeat_due = now + period;
+            self.say(Message::Heartbeat(self.node, self.nmt), out);
+        }
+    }
+
+    /// The node that it watches (object 0x1016).
+    fn watched_node(&self) -> Node {
+        let [_, _, node, _] = self.objects.raw(0x1016, 1).to_le_bytes();
+        Node::new(node).unwrap_or(self.node)
+    }
+
+    /// Watches our heartbeat (once it has been heard) and our commands.
+    fn watch(&mut self, now: Stamp, out: &mut Vec<CanFrame>) {
+        let heartbeat_limit = Span::from_ms(i64::from(self.objects.raw(0x1016, 1) & 0xFFFF));
+        if expired(now, self.master_heard, heartbeat_limit) {
+            self.master_heard = None;
+            self.shout(EMCY_HEARTBEAT_LOST, out);
+            self.lose_communication();
+        }
+        let command_limit = Span::from_ms(i64::from(self.rpdo.timer_ms));
+        if self.nmt == NmtState::Operational && expired(now, self.command_heard, command_limit) {
+            self.command_heard = None;
+            self.shout(EMCY_RPDO_TIMEOUT, out);
+            self.lose_communication();
+        }
+    }
+}
+
+fn expired(now: Stamp, heard: Option<Stamp>, limit: Span) -> bool {
+    limit > Span::ZERO && heard.is_some_and(|at| now.since(at) > limit)
+}

@@ -1,0 +1,318 @@
+//! The simulated robot as the outside sees it: two CAN wires and a serial line, in its own time.
+//!
+//! Time moves from event to event: the end of a frame, a measurement of the IMU, the time asked for. The world is
+//! brought up to each event that looks at it or changes what the motors do. RT: no.
+
+use super::drive::{Electrics, SimDrive};
+use super::imu::SimImu;
+use super::wire::{Delivered, Wire};
+use super::{Reading, World};
+use crate::base::time::{Span, Stamp};
+use crate::bus::canopen::{Node, Object};
+use crate::config::checked::{Config, DriveConfig, Hip, Robot, Simulation, Toe};
+use crate::msg::{BUSES, BusFrame, CanFrame, DRIVES, Drive, FrameBatch, MAX_FRAMES, TOES};
+use std::collections::VecDeque;
+
+/// The controller's place among the senders of a wire; drive k is sender k + 1.
+const HOST: usize = 0;
+/// Drives look after their timers so often.
+const DRIVE_TICK: Span = Span::from_ms(1);
+/// The world is not moved for less: at 10 rad/s a leg moves a fifth of an encoder count in it.
+const GRAIN: Span = Span::from_us(5);
+/// The world is moved at least so often.
+const LONGEST_STEP: Span = Span::from_ms(1);
+/// Frames that wait for the controller; beyond this it has stopped reading.
+const HOST_QUEUE: usize = 1024;
+
+/// The simulated robot.
+pub struct Plant {
+    now: Stamp,
+    world: Box<dyn World>,
+    world_time: Stamp,
+    /// What the world shows at `world_time`.
+    reading: Reading,
+    units: Units,
+    bus_of: [usize; DRIVES],
+    drives: Vec<SimDrive>,
+    wires: Vec<Wire>,
+    next_drive_tick: Stamp,
+    imu: SimImu,
+    echo: bool,
+    to_host: Vec<VecDeque<BusFrame>>,
+    answers: Vec<CanFrame>,
+    dropped: [u32; BUSES],
+}
+
+/// Factors between the drives' units and the world's.
+#[derive(Clone, Copy, Debug)]
+struct Units {
+    hip: Hip,
+    toe: Toe,
+    joint_nm_per_permille: f64,
+}
+
+impl Units {
+    fn new(robot: &Robot) -> Self {
+        let joint_nm_at_rated = robot.drives[Drive::Hip as usize].rated_torque_nm
+            * robot.hip.gear_ratio
+            * robot.hip.gear_efficiency
+            * robot.hip.motor_sign;
+        Self { hip: robot.hip, toe: robot.toe, joint_nm_per_permille: joint_nm_at_rated / 1000.0 }
+    }
+
+    /// Quadrature counts of the encoder at the hip joint.
+    #[expect(clippy::cast_possible_truncation, reason = "some turns of a joint")]
+    fn hip_counts(&self, angle_rad: f64) -> i32 {
+        let turns = (angle_rad - self.hip.encoder_offset_rad) / std::f64::consts::TAU;
+        libm::floor(turns * self.hip.encoder_counts_per_turn) as i32
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "a stroke of some centimetres")]
+    fn toe_counts(&self, length_m: f64) -> i32 {
+        libm::floor(length_m * self.toe.counts_per_m + 0.5) as i32
+    }
+}
+
+/// What the drive can do, from the joint's limit.
+fn electrics(config: &DriveConfig, index: usize, units: &Units, simulation: &Simulation) -> Electrics {
+    let limit_permille = if index == Drive::Hip as usize {
+        simulation.torque_limit_nm / units.joint_nm_per_permille.abs()
+    } else {
+        f64::from(config.max_torque_permille)
+    };
+    Electrics { lag_s: simulation.actuator_lag_s, limit_permille }
+}
+
+impl Plant {
+    /// The robot with this world, switched on at time zero.
+    #[must_use]
+    pub fn with_world(config: &Config, world: Box<dyn World>) -> Self {
+        let robot = &config.robot;
+        let units = Units::new(robot);
+        let drives = robot.drives.iter().enumerate().map(|(index, drive)| {
+            let node = Node::new(drive.node).unwrap_or(Node::MASTER);
+            SimDrive::new(drive, node, electrics(drive, index, &units, &config.simulation))
+        });
+        let timed = config.simulation.bus_timing;
+        let reading = world.reading();
+        Self {
+            now: Stamp::default(),
+            world,
+            world_time: Stamp::default(),
+            reading,
+            units,
+            bus_of: std::array::from_fn(|k| robot.drives[k].bus),
+            drives: drives.collect(),
+            wires: robot.buses.iter().map(|b| Wire::new(b.bitrate, timed, DRIVES + 1)).collect(),
+            next_drive_tick: Stamp::default(),
+            imu: SimImu::new(&robot.imu, &config.simulation.imu, config.simulation.seed),
+            echo: true,
+            to_host: vec![VecDeque::new(); BUSES],
+            answers: Vec::new(),
+            dropped: [0; BUSES],
+        }
+    }
+
+    /// Starts at another time than zero: a clock that has been running.
+    pub fn start_at(&mut self, now: Stamp) {
+        self.now = now;
+        self.world_time = now;
+        self.next_drive_tick = now;
+        for drive in &mut self.drives {
+            drive.reboot(now);
+        }
+    }
+
+    /// Whether the controller's own frames come back to it. On a real socket the kernel does that.
+    pub fn set_echo(&mut self, echo: bool) {
+        self.echo = echo;
+    }
+
+    /// Present time of the robot.
+    #[must_use]
+    pub const fn now(&self) -> Stamp {
+        self.now
+    }
+
+    /// What the world shows.
+    #[must_use]
+    pub fn reading(&self) -> Reading {
+        self.world.reading()
+    }
+
+    /// The world itself, for disturbances.
+    pub fn world_mut(&mut self) -> &mut dyn World {
+        &mut *self.world
+    }
+
+    /// A drive, to look at or to break.
+    pub fn drive_mut(&mut self, drive: Drive) -> &mut SimDrive {
+        &mut self.drives[drive as usize]
+    }
+
+    /// A drive restarts by itself, as after a loss of its power.
+    pub fn reboot_drive(&mut self, drive: Drive) {
+        let now = self.now;
+        self.wires[self.bus_of[drive as usize]].flush(drive as usize + 1);
+        self.drives[drive as usize].reboot(now);
+    }
+
+    /// A drive finds a fault of its own.
+    pub fn fail_drive(&mut self, drive: Drive, code: u16) {
+        let index = drive as usize;
+        self.drives[index].fail(code, &mut self.answers);
+        self.put_answers(index, self.now);
+    }
+
+    /// Nobody on this bus acknowledges, or all is well again.
+    pub fn set_bus_silent(&mut self, bus: usize, silent: bool) {
+        self.wires[bus].set_silent(self.now, silent);
+    }
+
+    /// The wire of a bus, for its load.
+    #[must_use]
+    pub fn wire(&self, bus: usize) -> &Wire {
+        &self.wires[bus]
+    }
+
+    /// Empties what the controller has queued for this bus (link down and up). In-process buses have no kernel to do it.
+    pub fn flush_host(&mut self, bus: usize) {
+        self.wires[bus].flush(HOST);
+    }
+
+    /// A frame from the controller, sent now. False if the queue before the wire is full.
+    pub fn deliver(&mut self, bus: usize, frame: &CanFrame) -> bool {
+        self.wires[bus].put(self.now, HOST, *frame)
+    }
+
+    /// Frames that have reached the controller, as many as fit.
+    pub fn take_frames(&mut self, bus: usize, batch: &mut FrameBatch) {
+        while usize::from(batch.count) < MAX_FRAMES {
+            let Some(frame) = self.to_host[bus].pop_front() else { break };
+            batch.push(frame);
+        }
+        batch.dropped = batch.dropped.max(self.dropped[bus]);
+    }
+
+    /// Bytes from the controller to the IMU.
+    pub fn deliver_imu_bytes(&mut self, bytes: &[u8]) {
+        self.imu.hear(self.now, bytes, &self.reading);
+    }
+
+    /// Bytes of the IMU that have reached the controller.
+    pub fn take_imu_bytes(&mut self, out: &mut Vec<u8>) {
+        self.imu.take(self.now, out);
+    }
+
+    /// Lets everything happen up to `t`.
+    pub fn advance_to(&mut self, t: Stamp) {
+        while let Some((at, event)) = self.next_event().filter(|(at, _)| *at <= t) {
+            self.now = self.now.max(at);
+            match event {
+                Event::Frame(bus) => self.finish_frame(bus, at),
+                Event::Measure => {
+                    self.move_world_to(at);
+                    self.imu.measure(at, &self.reading);
+                }
+                Event::DriveTick => self.tick_drives(at),
+            }
+        }
+        self.now = self.now.max(t);
+        self.move_world_to(t);
+    }
+
+    fn next_event(&mut self) -> Option<(Stamp, Event)> {
+        let mut next = (self.next_drive_tick, Event::DriveTick);
+        for (bus, wire) in self.wires.iter_mut().enumerate() {
+            if let Some(at) = wire.next_end().filter(|at| *at < next.0) {
+                next = (at, Event::Frame(bus));
+            }
+        }
+        if let Some(at) = self.imu.next_measurement().filter(|at| *at < next.0) {
+            next = (at, Event::Measure);
+        }
+        Some(next)
+    }
+
+    fn finish_frame(&mut self, bus: usize, at: Stamp) {
+        let Some(delivered) = self.wires[bus].take(at) else { return };
+        self.tell_host(bus, &delivered);
+        if delivered.frame.id == u32::from(Object::Sync.id()) {
+            self.move_world_to(at);
+            self.show_positions();
+        }
+        for index in 0..DRIVES {
+            if self.bus_of[index] == bus && delivered.sender != index + 1 {
+                self.drives[index].hear(at, &delivered.frame, &mut self.answers);
+                self.put_answers(index, at);
+            }
+        }
+    }
+
+    fn tell_host(&mut self, bus: usize, delivered: &Delivered) {
+        if delivered.sender == HOST && !self.echo {
+            return;
+        }
+        if self.to_host[bus].len() < HOST_QUEUE {
+            self.to_host[bus].push_back(BusFrame { stamp: delivered.at, frame: delivered.frame });
+        } else {
+            self.dropped[bus] += 1;
+        }
+    }
+
+    fn tick_drives(&mut self, at: Stamp) {
+        self.next_drive_tick = at + DRIVE_TICK;
+        for index in 0..DRIVES {
+            self.drives[index].tick(at, &mut self.answers);
+            self.put_answers(index, at);
+        }
+    }
+
+    fn put_answers(&mut self, index: usize, at: Stamp) {
+        for frame in self.answers.drain(..) {
+            self.wires[self.bus_of[index]].put(at, index + 1, frame);
+        }
+    }
+
+    fn show_positions(&mut self) {
+        let (hip, toes) = self.drives.split_at_mut(1);
+        hip[0].set_position(self.units.hip_counts(self.reading.hip_encoder_rad));
+        for (drive, length_m) in toes.iter_mut().zip(self.reading.toe_position_m) {
+            drive.set_position(self.units.toe_counts(length_m));
+        }
+    }
+
+    /// Moves the bodies under what the motors do, in steps that are not too long.
+    fn move_world_to(&mut self, t: Stamp) {
+        while t.since(self.world_time) > GRAIN {
+            let dt = t.since(self.world_time).min(LONGEST_STEP);
+            let torque_permille = self.drives[Drive::Hip as usize].run_current_loop(dt);
+            let toes = self.toe_targets();
+            self.world.step(torque_permille * self.units.joint_nm_per_permille, toes, dt);
+            self.world_time += dt;
+            self.reading = self.world.reading();
+        }
+    }
+
+    /// Where the toes' position loops drive to; a toe without power stays.
+    fn toe_targets(&self) -> [f64; TOES] {
+        std::array::from_fn(|k| match self.drives[k + 1].target_counts() {
+            Some(counts) => f64::from(counts) / self.units.toe.counts_per_m,
+            None => self.reading.toe_position_m[k],
+        })
+    }
+}
+
+/// What happens next.
+enum Event {
+    /// A frame has left the wire of this bus.
+    Frame(usize),
+    /// The IMU measures.
+    Measure,
+    /// The drives look after their timers.
+    DriveTick,
+}
+
+#[cfg(test)]
+#[path = "plant_tests.rs"]
+mod tests;
