@@ -10,6 +10,7 @@ pub mod config_args;
 mod inspect;
 mod outcome;
 pub mod progress;
+mod replay;
 mod score;
 mod trial;
 
@@ -39,6 +40,7 @@ enum Command {
     Trial(trial::Args),
     CheckConfig(check_config::Args),
     Inspect(inspect::Args),
+    Replay(replay::Args),
 }
 
 impl Run for Command {
@@ -48,6 +50,7 @@ impl Run for Command {
             Self::Trial(args) => args.run(),
             Self::CheckConfig(args) => args.run(),
             Self::Inspect(args) => args.run(),
+            Self::Replay(args) => args.run(),
         }
     }
 }

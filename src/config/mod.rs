@@ -67,13 +67,16 @@ pub fn load(path: Option<&Path>, overrides: &[String]) -> Result<Resolved, Error
     typed.resolve()
 }
 
-/// Reads the canonical text of a recording.
+/// Reads the canonical text of a recording, with overrides as on the command line.
 ///
 /// # Errors
 /// Everything that is wrong: the text is from another version of this program, or damaged.
-pub fn from_canonical(text: &str) -> Result<Resolved, Errors> {
+pub fn from_canonical(text: &str, overrides: &[String]) -> Result<Resolved, Errors> {
     let mut typed = Typed::default();
     typed.add_sections("recorded configuration", text);
+    for text in overrides {
+        typed.add_override(text);
+    }
     typed.resolve()
 }
 

@@ -30,7 +30,7 @@ fn embedded_default_is_the_identified_robot_without_complaint() {
 #[test]
 fn canonical_text_reads_back_to_the_same_configuration_and_hash() {
     let default = set(&["control.lqr_r=0.1", "sim.operator_release_s=3"]).unwrap();
-    let again = from_canonical(&default.text).unwrap();
+    let again = from_canonical(&default.text, &[]).unwrap();
     assert_eq!(again.config, default.config);
     assert_eq!(again.text, default.text);
     assert_eq!(again.hash, default.hash);

@@ -4,10 +4,12 @@
 //! come out bit by bit. After a gap the state is unknown: what follows is counted as not compared, never passed over.
 
 use super::reader::{ReadError, Reader};
+use super::scan::Ending;
 use super::schema;
 use super::stream::{Stream, explode};
 use crate::base::time::Stamp;
-use crate::msg::{TickInput, TickRecord, Value};
+use crate::control::Controller;
+use crate::msg::{Mode, TickRecord, Value};
 use std::convert::Infallible;
 use std::fmt;
 
@@ -49,34 +51,85 @@ pub struct Comparison {
     pub gap: Option<(u64, u64)>,
 }
 
-/// Feeds the recorded inputs to `step` and compares all that it says.
-///
-/// # Errors
-/// When the recording cannot be read.
-pub fn compare(
-    reader: &mut Reader,
-    mut step: impl FnMut(&TickInput, &mut TickRecord),
-) -> Result<Comparison, ReadError> {
-    let mut found = Comparison::default();
-    let mut replayed = TickRecord::default();
-    let mut expected = None;
-    while let Some(recorded) = reader.next_tick()? {
+/// A replay under way. `S` takes a recorded tick and writes the replayed one over what it wrote last.
+pub struct Replay<S> {
+    reader: Reader,
+    step: S,
+    replayed: TickRecord,
+    expected: Option<u64>,
+    gap: Option<(u64, u64)>,
+}
+
+/// A tick as it was, and as it comes out now.
+pub struct Pair<'a> {
+    /// From the file.
+    pub recorded: Box<TickRecord>,
+    /// From the code.
+    pub replayed: &'a TickRecord,
+    /// False after a gap: the two need not agree.
+    pub comparable: bool,
+}
+
+impl<S: FnMut(&TickRecord, &mut TickRecord)> Replay<S> {
+    /// From the present place in the file, which should be its beginning.
+    pub fn new(reader: Reader, step: S) -> Self {
+        Self { reader, step, replayed: TickRecord::default(), expected: None, gap: None }
+    }
+
+    /// The next tick; `None` at the end.
+    ///
+    /// # Errors
+    /// When the recording cannot be read.
+    pub fn next_pair(&mut self) -> Result<Option<Pair<'_>>, ReadError> {
+        let Some(recorded) = self.reader.next_tick()? else { return Ok(None) };
         let index = recorded.input.index;
         // The first tick of a process is 0 or 1, by whoever counts.
-        let follows = expected.map_or(index <= 1, |expected| index == expected);
-        if !follows && found.gap.is_none() {
-            found.gap = Some((expected.unwrap_or(0), index));
+        let follows = self.expected.map_or(index <= 1, |expected| index == expected);
+        if !follows && self.gap.is_none() {
+            self.gap = Some((self.expected.unwrap_or(0), index));
         }
-        expected = Some(index + 1);
-        if found.gap.is_some() || found.difference.is_some() {
-            found.not_compared += 1;
-            continue;
-        }
-        step(&recorded.input, &mut replayed);
-        found.difference = first_difference(&recorded, &replayed);
-        found.alike += u64::from(found.difference.is_none());
+        self.expected = Some(index + 1);
+        (self.step)(&recorded, &mut self.replayed);
+        Ok(Some(Pair { recorded, replayed: &self.replayed, comparable: self.gap.is_none() }))
     }
-    Ok(found)
+
+    /// Compares to the end, or to the first difference.
+    ///
+    /// # Errors
+    /// When the recording cannot be read.
+    pub fn compare(&mut self) -> Result<Comparison, ReadError> {
+        let mut found = Comparison::default();
+        while let Some(pair) = self.next_pair()? {
+            if found.difference.is_some() || !pair.comparable {
+                found.not_compared += 1;
+                continue;
+            }
+            found.difference = first_difference(&pair.recorded, pair.replayed);
+            found.alike += u64::from(found.difference.is_none());
+        }
+        found.gap = self.gap;
+        Ok(found)
+    }
+
+    /// How the file ends, once nothing more comes.
+    #[must_use]
+    pub const fn ending(&self) -> Option<Ending> {
+        self.reader.ending()
+    }
+}
+
+/// A step that takes everything from the recording but what the controller wants.
+pub fn from_estimates(mut controller: Controller) -> impl FnMut(&TickRecord, &mut TickRecord) {
+    let mut mode_before = Mode::Starting;
+    move |recorded, replayed| {
+        *replayed = *recorded;
+        // As in the tick: until armed, each tick is a new beginning.
+        if mode_before != Mode::Armed {
+            controller.reset(&recorded.estimate, &recorded.snapshot);
+        }
+        replayed.wanted = controller.step(recorded.input.now, &recorded.estimate, &recorded.snapshot);
+        mode_before = recorded.status.mode;
+    }
 }
 
 /// The first output in which two ticks differ, in the order of the walk.
