@@ -310,7 +310,7 @@ pub struct Control {
     pub stance: crate::msg::Leg,
     /// Observer's epsilon, s (thesis 4.17, corrected).
     pub observer_epsilon_s: f64,
-    /// Time constant with which the attitude's bias is learnt from the balance point, s; 0 = not at all.
+    /// Time constant with which the attitude's bias is learnt, s; 0 = not at all.
     pub bias_time_s: f64,
     /// Time constant of the attitude filter for an IMU that streams no attitude, s.
     pub attitude_time_s: f64,

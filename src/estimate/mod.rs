@@ -3,7 +3,7 @@
 //! | file | what |
 //! |---|---|
 //! | [`high_gain`] | observer of Thesis (4.14)-(4.17), corrected, around the nonlinear model with friction |
-//! | [`bias`] | what the IMU reads too much, learnt from where the robot balances |
+//! | [`bias`] | what the IMU reads too much, learnt from the balance of angular momentum |
 //! | [`attitude`] | leg angle from gyro and accelerometer, for an IMU that streams no attitude |
 //! | [`contact`] | what a change of the stance leg does to the state |
 //!
@@ -34,7 +34,7 @@ mod measure;
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
 use crate::msg::{Estimate, JointCommand, Leg, Snapshot};
-use bias::BiasGain;
+use bias::BiasObserver;
 use high_gain::{HighGain, StanceModel, State};
 use measure::{Measured, Sensors};
 
@@ -62,13 +62,12 @@ pub enum EstimatorError {
 pub struct Estimator {
     observer: HighGain,
     models: [StanceModel; 2],
-    bias_gains: [BiasGain; 2],
     torque_unit_nm: f64,
     first_stance: Leg,
     sensors: Sensors,
     stance: Leg,
     state: Option<State>,
-    bias_rad: f64,
+    bias: BiasObserver,
     innovation_rad: [f64; 2],
     last: Stamp,
     steps: u32,
@@ -90,7 +89,6 @@ impl Estimator {
             return Err(EstimatorError::TooSlow { epsilon_s: control.observer_epsilon_s, limit_s });
         }
         Ok(Self {
-            bias_gains: models.map(|m| BiasGain::new(&m, control.observer_epsilon_s, control.bias_time_s)),
             observer,
             models,
             torque_unit_nm: params.inertia_kg_m2(),
@@ -98,7 +96,7 @@ impl Estimator {
             sensors: Sensors::new(robot, control.attitude_time_s),
             stance: control.stance,
             state: None,
-            bias_rad: 0.0,
+            bias: BiasObserver::new(control.bias_time_s),
             innovation_rad: [0.0; 2],
             last: Stamp::NEVER,
             steps: 0,
@@ -110,7 +108,7 @@ impl Estimator {
         self.sensors.reset();
         self.stance = self.first_stance;
         self.state = None;
-        self.bias_rad = 0.0;
+        self.bias.reset();
         self.innovation_rad = [0.0; 2];
         self.last = Stamp::NEVER;
         self.steps = 0;
@@ -118,8 +116,9 @@ impl Estimator {
 
     /// While disarmed: the state is what the sensors say. Invalid until they are all fresh.
     pub fn follow(&mut self, now: Stamp, snapshot: &Snapshot) -> Estimate {
-        let measured = self.sensors.measure(snapshot, self.bias_rad);
+        let measured = self.sensors.measure(snapshot, self.bias.bias_rad());
         self.state = measured.map(|m| start(&m.stance_first(self.stance)));
+        self.bias.pause();
         self.innovation_rad = [0.0; 2];
         self.last = now;
         self.estimate(now, snapshot)
@@ -130,7 +129,7 @@ impl Estimator {
         let gap = now.since(self.last);
         match self.state {
             Some(state) if gap > Span::ZERO && gap <= LONGEST_GAP => {
-                let measured = self.sensors.measure(snapshot, self.bias_rad);
+                let measured = self.sensors.measure(snapshot, self.bias.bias_rad());
                 let tau = stance_sign(self.stance) * applied.hip_torque_nm / self.torque_unit_nm;
                 self.advance(state, measured.as_ref(), tau, gap.as_s());
                 self.last = now;
@@ -145,32 +144,30 @@ impl Estimator {
         if let Some(state) = self.state {
             self.state = contact::touchdown(self.model(), &state);
         }
+        self.bias.pause();
         self.stance = self.stance.other();
         self.steps = self.steps.wrapping_add(1);
     }
 
     /// One period of the observer. Without a fresh measurement the model goes on alone; `safety` judges the age.
     fn advance(&mut self, state: State, measured: Option<&Measured>, tau: f64, dt_s: f64) {
-        let predicted = self.model().predict(&state, tau, dt_s);
-        let innovation = measured.map_or([0.0; 2], |m| {
-            let y = m.stance_first(self.stance);
-            [y[0] - predicted[0], y[1] - predicted[1]]
-        });
-        self.state = Some(self.observer.correct(&predicted, innovation, dt_s));
-        self.bias_rad += self.bias_gain().rate(innovation) * dt_s;
-        self.innovation_rad = innovation;
+        let mut predicted = self.model().predict(&state, tau, dt_s);
+        self.innovation_rad = [0.0; 2];
+        match measured {
+            None => self.bias.pause(),
+            Some(m) => {
+                let y = m.stance_first(self.stance);
+                self.innovation_rad = [y[0] - predicted[0], y[1] - predicted[1]];
+                predicted = self.observer.correct(&predicted, self.innovation_rad, dt_s);
+                let whole = self.model().whole;
+                self.bias.step(&whole, &m.prompt_stance_first(self.stance), dt_s);
+            }
+        }
+        self.state = Some(predicted);
     }
 
     const fn model(&self) -> &StanceModel {
         let [inner, outer] = &self.models;
-        match self.stance {
-            Leg::Inner => inner,
-            Leg::Outer => outer,
-        }
-    }
-
-    const fn bias_gain(&self) -> &BiasGain {
-        let [inner, outer] = &self.bias_gains;
         match self.stance {
             Leg::Inner => inner,
             Leg::Outer => outer,
@@ -195,7 +192,7 @@ impl Estimator {
             hip_angle_rad: snapshot.hip_angle_rad,
             hip_twist_rad: elastic * (phi - (ts - tw)),
             hip_twist_rad_s: elastic * (vphi - (vs - vw)),
-            attitude_bias_rad: self.bias_rad,
+            attitude_bias_rad: self.bias.bias_rad(),
             steps: self.steps,
         }
     }

@@ -88,9 +88,9 @@ fn slow_limit_is_one_over_the_unstable_pole_and_refused() {
 #[test]
 fn perfect_model_passes_through_unaltered() {
     // Thesis 4.4: the model-pass filter. Truth moves under a varying torque; the estimate stays on it.
-    for leg in [Leg::Inner, Leg::Outer] {
-        let mut estimator =
-            Estimator::new(&config(&[&format!("control.stance={}", leg.name().to_lowercase())])).unwrap();
+    for (leg, name) in [(Leg::Inner, "inner"), (Leg::Outer, "outer")] {
+        let keys = [&format!("control.stance={name}"), "control.bias_time_s=0.0"];
+        let mut estimator = Estimator::new(&config(&keys)).unwrap();
         let (model, unit) = (model(leg), config(&[]).robot.model.params().inertia_kg_m2());
         let mut truth = start(&[0.02, -0.1, 0.0, 0.0]);
         let mut applied = 0.0;
@@ -105,28 +105,50 @@ fn perfect_model_passes_through_unaltered() {
 }
 
 #[test]
-fn bias_is_learnt_with_its_time_constant_and_blind_to_a_torque_error() {
-    for leg in [Leg::Inner, Leg::Outer] {
+fn bias_is_learnt_with_its_time_constant_whatever_the_torque() {
+    // The robot stands still at the upright, held by an unknown friction against an unknown torque; the IMU is wrong.
+    for (leg, name) in [(Leg::Inner, "inner"), (Leg::Outer, "outer")] {
         for (bias, hidden_nm) in [(0.01, 0.0), (0.0, 0.5), (-0.01, -0.5)] {
-            let keys = format!("control.stance={}", leg.name().to_lowercase());
-            let mut estimator = Estimator::new(&config(&[&keys, "control.bias_time_s=4.0"])).unwrap();
-            // The robot stands perfectly still at the upright, balanced by somebody who feels it; the IMU is wrong and
-            // a torque error is there that the model does not know (the legs do not move: an unknown friction takes it).
-            let still = snapshot(ms(0), leg, &start(&[bias, bias, 0.0, 0.0]));
-            estimator.follow(ms(0), &still);
-            let mut last = Estimate::default();
-            for k in 1..=4000 {
-                last =
-                    estimator.step(ms(k), &snapshot(ms(k), leg, &start(&[bias, bias, 0.0, 0.0])), &command(hidden_nm));
-            }
-            let learnt = 1.0 - (-1.0_f64).exp();
-            // The observer's own settling (.2 s) and friction near rest cost a few percent.
-            assert!(
-                (last.attitude_bias_rad - learnt * bias).abs() < 8e-4,
-                "{leg:?} {bias}: {}",
-                last.attitude_bias_rad
-            );
+            let keys = [&format!("control.stance={name}"), "control.bias_time_s=0.4"];
+            let mut estimator = Estimator::new(&config(&keys)).unwrap();
+            let still = start(&[bias, bias, 0.0, 0.0]);
+            estimator.follow(ms(0), &snapshot(ms(0), leg, &still));
+            let mut at = |from: i64, to: i64| {
+                let ticks = from + 1..=to;
+                ticks.map(|k| estimator.step(ms(k), &snapshot(ms(k), leg, &still), &command(hidden_nm))).last().unwrap()
+            };
+            // Double pole at -1/T: after T the share 1 - 2/e is learnt, after 5 T .96.
+            let (one, five) = (at(0, 400).attitude_bias_rad, at(400, 2000).attitude_bias_rad);
+            let share = |n: f64| 1.0 - (1.0 + n) * (-n).exp();
+            assert!((one - share(1.0) * bias).abs() < 3e-5, "{name} {bias}: {one}");
+            assert!((five - share(5.0) * bias).abs() < 3e-5, "{name} {bias}: {five}");
         }
+    }
+}
+
+#[test]
+fn bias_is_learnt_in_motion_as_at_rest_and_a_gyro_error_does_not_matter() {
+    for (leg, name) in [(Leg::Inner, "inner"), (Leg::Outer, "outer")] {
+        let (model, unit) = (model(leg), config(&[]).robot.model.params().inertia_kg_m2());
+        let keys = [&format!("control.stance={name}"), "control.bias_time_s=0.05"];
+        let mut estimator = Estimator::new(&config(&keys)).unwrap();
+        let (bias, drift_rad_s, push_nm) = (0.008, 0.01, 3.0);
+        let mut truth = start(&[0.02, -0.3, 0.1, 0.0]);
+        let read = |k: i64, x: &State| {
+            let mut s = snapshot(ms(k), leg, x);
+            s.leg_angle_rad += bias;
+            s.leg_rate_rad_s += drift_rad_s;
+            s
+        };
+        estimator.follow(ms(0), &read(0, &truth));
+        let mut last = Estimate::default();
+        for k in 1..=400 {
+            let torque = push_nm * libm::sin(k as f64 * 0.01);
+            truth = model.predict(&truth, stance_sign(leg) * torque / unit, 1e-3);
+            last = estimator.step(ms(k), &read(k, &truth), &command(torque));
+        }
+        // After 8 T .3 % is not yet learnt; the robot falls meanwhile, which bends the moment's slope.
+        assert!((last.attitude_bias_rad - bias).abs() < 0.03 * bias, "{name}: {}", last.attitude_bias_rad);
     }
 }
 

@@ -65,7 +65,7 @@ message! {
         pub hip_twist_rad: f64,
         /// Its rate, rad/s.
         pub hip_twist_rad_s: f64,
-        /// What the IMU's attitude is believed to read too much, rad: the balance point tells.
+        /// What the IMU's attitude is believed to read too much, rad: the moment of gravity about the toe tells.
         pub attitude_bias_rad: f64,
         /// Number of stance changes seen.
         pub steps: u32,

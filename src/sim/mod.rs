@@ -8,6 +8,7 @@ pub mod noise;
 mod objects;
 pub mod plant;
 pub mod wire;
+pub mod world;
 
 use crate::base::time::Span;
 use crate::msg::{Leg, TOES};
@@ -46,3 +47,6 @@ pub trait World: Send {
     /// What the instruments see now.
     fn reading(&self) -> Reading;
 }
+
+#[cfg(test)]
+mod experiments;
