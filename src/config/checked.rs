@@ -267,6 +267,17 @@ pub enum Trigger {
     Input,
 }
 
+/// Who takes the input from the wires.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// A thread per device, which hands over to the control thread.
+    Threads,
+    /// The control thread sleeps on the devices itself: one wake-up from frame to command.
+    Inline,
+    /// The control thread spins on the devices: none, at the price of a core. Wants a core of its own.
+    Busy,
+}
+
 /// Threads and timing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealTime {
@@ -274,6 +285,8 @@ pub struct RealTime {
     pub period: Span,
     /// What starts a tick.
     pub trigger: Trigger,
+    /// Who takes the input from the wires.
+    pub input: Input,
     /// With [`Trigger::Input`]: step at the latest so long after the period's start.
     pub input_deadline: Span,
     /// Control thread.

@@ -1,6 +1,6 @@
 //! Reads `rt` and `control`: threads, timing, controller and observer. RT: before arming only.
 
-use super::checked::{Control, ControllerKind, RealTime, Thread, Trigger};
+use super::checked::{Control, ControllerKind, Input, RealTime, Thread, Trigger};
 use super::reader::{Reader, range};
 use crate::base::time::Span;
 use crate::msg::Leg;
@@ -9,12 +9,14 @@ pub(super) const LEGS: &[(&str, Leg)] = &[("inner", Leg::Inner), ("outer", Leg::
 
 pub(super) fn real_time(r: &Reader<'_>) -> RealTime {
     const TRIGGERS: &[(&str, Trigger)] = &[("timer", Trigger::Timer), ("input", Trigger::Input)];
+    const INPUTS: &[(&str, Input)] = &[("threads", Input::Threads), ("inline", Input::Inline), ("busy", Input::Busy)];
     let (control, buses, imu) = r.table("threads", |t| {
         (t.table("control", thread), [t.table("bus0", thread), t.table("bus1", thread)], t.table("imu", thread))
     });
     let timing = RealTime {
         period: r.span("period_us", 100.0, 1e6),
         trigger: r.choice("trigger", TRIGGERS, Trigger::Timer),
+        input: r.choice("input", INPUTS, Input::Threads),
         input_deadline: r.span("input_deadline_us", 1.0, 1e6),
         control,
         bus: buses,

@@ -27,7 +27,13 @@ impl Stop {
         Ok(stop)
     }
 
-    /// Ends.
+    /// The flag itself, for those who look at it often.
+    #[must_use]
+    pub fn flag(&self) -> &AtomicBool {
+        &self.0
+    }
+
+    /// Asks.
     pub fn request(&self) {
         self.0.store(true, Ordering::Release);
     }

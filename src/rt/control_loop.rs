@@ -1,0 +1,135 @@
+//! The control thread: wake, take the input, walk, send, hand over. RT: yes.
+//!
+//! It sends the frames itself: no further thread stands between the decision and the wire.
+
+use super::awaited::Awaited;
+use super::clock::{self, Monotonic};
+use super::cycle::{Cycle, Wake};
+use super::feed::Feed;
+use super::process::Progress;
+use super::stop::Stop;
+use super::tick::Tick;
+use crate::base::time::Span;
+use crate::bus::line::SYNC_FRAME;
+use crate::bus::{SendError, Transmit};
+use crate::channel::port::Publisher;
+use crate::config::checked::{RealTime, Trigger};
+use crate::msg::{BUSES, BusHealth, TickInput, TickRecord};
+use crate::sensor::operator::Hand;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// Ticks after a stop was asked for: the drives are commanded to zero, confirm, and are disabled.
+const TICKS_TO_STOP: u32 = 50;
+
+/// What walks: the real tick, or a synthetic one on the bench.
+pub trait Walk {
+    /// A pure function of the input and the walker's own state.
+    fn step(&mut self, input: &TickInput, tick: &mut TickRecord);
+}
+
+impl Walk for Tick {
+    fn step(&mut self, input: &TickInput, tick: &mut TickRecord) {
+        Self::step(self, input, tick);
+    }
+}
+
+/// What the control thread owns.
+pub struct ControlLoop<W, F> {
+    /// What walks.
+    pub walk: W,
+    /// Where input comes from.
+    pub feed: F,
+    /// Sending half of each bus.
+    pub wires: [Box<dyn Transmit + Send>; BUSES],
+    /// The dead-man switch.
+    pub hand: Hand,
+    /// Finished ticks, for the relay.
+    pub handover: Publisher<TickRecord>,
+    /// What a cycle waits for.
+    pub awaited: Arc<Awaited>,
+    /// Asks it to end.
+    pub stop: Stop,
+    /// What others may know while it runs.
+    pub progress: Arc<Progress>,
+    /// Timing.
+    pub timing: RealTime,
+    /// What was not granted; 0 if the buses are simulated.
+    pub real_time_missing: u32,
+}
+
+/// What goes on from tick to tick. Large, so it is made before the loop and not on the way.
+#[derive(Default)]
+struct Desk {
+    input: TickInput,
+    record: TickRecord,
+    link_down: [bool; BUSES],
+}
+
+impl<W: Walk, F: Feed> ControlLoop<W, F> {
+    /// Runs until the stop, and [`TICKS_TO_STOP`] ticks longer. `after_each` is called between ticks.
+    pub fn run(&mut self, mut after_each: impl FnMut()) {
+        let mut desk = Box::<Desk>::default();
+        let mut cycle = Cycle::start(Monotonic, self.timing.period);
+        let mut left = TICKS_TO_STOP;
+        while left > 0 {
+            let wake = cycle.wait();
+            self.take_input(&mut desk, wake);
+            self.act(&mut desk);
+            after_each();
+            left -= u32::from(desk.input.stop_requested);
+        }
+    }
+
+    fn take_input(&mut self, desk: &mut Desk, wake: Wake) {
+        if self.timing.trigger == Trigger::Input {
+            self.awaited.begin();
+            self.sync(desk);
+            self.feed.wait(wake.planned + self.timing.input_deadline);
+        }
+        let input = &mut desk.input;
+        input.now = wake.planned;
+        input.wake_latency = wake.latency;
+        input.skipped = wake.skipped;
+        input.real_time_missing = self.real_time_missing;
+        input.stop_requested = self.stop.is_requested();
+        self.feed.collect(input);
+        input.operator = self.hand.poll(clock::now(), desk.record.status.mode);
+        for (health, down) in input.bus_health.iter_mut().zip(desk.link_down) {
+            *health = if down { (*health).max(BusHealth::Down) } else { *health };
+        }
+    }
+
+    /// The clock of the buses, when the step itself comes later.
+    fn sync(&mut self, desk: &mut Desk) {
+        for (wire, down) in self.wires.iter_mut().zip(&mut desk.link_down) {
+            *down = self.progress.sent(wire.send(&SYNC_FRAME));
+        }
+    }
+
+    fn act(&mut self, desk: &mut Desk) {
+        let begin = clock::now();
+        self.walk.step(&desk.input, &mut desk.record);
+        for ((wire, frames), down) in self.wires.iter_mut().zip(&desk.record.output.send).zip(&mut desk.link_down) {
+            *down = false;
+            for frame in frames.as_slice() {
+                *down |= self.progress.sent(wire.send(&frame.frame));
+            }
+        }
+        let step_time: Span = clock::now().since(begin);
+        self.handover.publish(&desk.record);
+        self.progress.note(&desk.record, self.handover.refused());
+        desk.input.step_time = step_time;
+        desk.input.index += 1;
+    }
+}
+
+impl Progress {
+    /// Counts a refused frame; true if the link is down.
+    fn sent(&self, result: Result<(), SendError>) -> bool {
+        if result.is_err() {
+            self.refused_frames.fetch_add(1, Ordering::Relaxed);
+        }
+        result == Err(SendError::Down)
+    }
+}

@@ -1,0 +1,123 @@
+//! Where a tick's input comes from. RT: yes, no allocation.
+//!
+//! [`ThreadFeed`]: a thread per bus and for the IMU receives and hands over through channels. [`InlineFeed`]: the
+//! control thread itself sleeps on the descriptors (or spins on them), so that between a frame on the wire and the
+//! command there is one wake-up, or none.
+
+use super::awaited::Awaited;
+use super::clock;
+use super::io::{ImuPort, Seen};
+use super::poll;
+use crate::base::time::Stamp;
+use crate::bus::Receive;
+use crate::channel::port::{ChannelError, Endpoint, Subscriber};
+use crate::channel::topic;
+use crate::msg::{BUSES, BusFrame, FrameBatch, ImuBatch, ImuSample, TickInput};
+use std::hint;
+use std::sync::Arc;
+
+/// Brings what came in since the last tick.
+pub trait Feed {
+    /// Waits until all awaited answers are in, or until a time.
+    fn wait(&mut self, until: Stamp);
+    /// Puts what came in into the tick's input.
+    fn collect(&mut self, input: &mut TickInput);
+}
+
+/// Fed by I/O threads through channels.
+pub struct ThreadFeed {
+    frames: [Subscriber<BusFrame>; BUSES],
+    imu: Subscriber<ImuSample>,
+    awaited: Arc<Awaited>,
+    seen: Arc<Seen>,
+}
+
+impl ThreadFeed {
+    /// Attaches to the channels; in the thread that will use it.
+    ///
+    /// # Errors
+    /// When a channel cannot be opened.
+    pub fn attach(channels: &Endpoint, awaited: Arc<Awaited>, seen: Arc<Seen>) -> Result<Self, ChannelError> {
+        let [a, b] = &topic::RECEIVED;
+        let frames = [channels.subscriber(a)?, channels.subscriber(b)?];
+        Ok(Self { frames, imu: channels.subscriber(&topic::IMU)?, awaited, seen })
+    }
+}
+
+impl Feed for ThreadFeed {
+    fn wait(&mut self, until: Stamp) {
+        self.awaited.wait(until);
+    }
+
+    fn collect(&mut self, input: &mut TickInput) {
+        for (channel, batch) in self.frames.iter_mut().zip(&mut input.received) {
+            batch.clear();
+            while let Some(frame) = channel.receive() {
+                batch.push(frame);
+            }
+        }
+        input.imu.count = 0;
+        while let Some(sample) = self.imu.receive() {
+            input.imu.push(sample);
+        }
+        input.imu.dropped = input.imu.dropped.max(self.seen.imu_lost());
+        input.bus_health = self.seen.health();
+    }
+}
+
+/// The control thread reads the descriptors itself.
+pub struct InlineFeed {
+    buses: [Box<dyn Receive + Send>; BUSES],
+    imu: ImuPort,
+    awaited: Arc<Awaited>,
+    busy: bool,
+    frames: [FrameBatch; BUSES],
+    samples: ImuBatch,
+}
+
+impl InlineFeed {
+    /// Reads from these. `busy`: spins instead of sleeping.
+    #[must_use]
+    pub fn new(buses: [Box<dyn Receive + Send>; BUSES], imu: ImuPort, awaited: Arc<Awaited>, busy: bool) -> Self {
+        let (frames, samples) = (Default::default(), ImuBatch::default());
+        Self { buses, imu, awaited, busy, frames, samples }
+    }
+
+    fn drain(&mut self) {
+        for (bus, (wire, batch)) in self.buses.iter_mut().zip(&mut self.frames).enumerate() {
+            while let Some(frame) = wire.receive() {
+                batch.push(frame);
+                self.awaited.arrived(bus, &frame);
+            }
+        }
+        self.imu.serve(clock::now(), &mut self.samples);
+    }
+}
+
+impl Feed for InlineFeed {
+    fn wait(&mut self, until: Stamp) {
+        loop {
+            self.drain();
+            if self.awaited.is_complete() || clock::now() >= until {
+                return;
+            }
+            if self.busy {
+                hint::spin_loop();
+            } else {
+                let [a, b] = &self.buses;
+                poll::readable([a.readable_fd(), b.readable_fd(), self.imu.readable_fd()], until);
+            }
+        }
+    }
+
+    fn collect(&mut self, input: &mut TickInput) {
+        self.drain();
+        for (batch, taken) in self.frames.iter_mut().zip(&mut input.received) {
+            *taken = *batch;
+            batch.clear();
+        }
+        input.imu = self.samples;
+        self.samples.count = 0;
+        input.bus_health = self.buses.each_ref().map(|wire| wire.health());
+    }
+}

@@ -1,0 +1,112 @@
+//! Input: bytes and frames from their devices into channels, one thread per device. RT: yes; waits on descriptors.
+
+use super::awaited::Awaited;
+use super::clock;
+use super::poll;
+use crate::base::time::{Span, Stamp};
+use crate::bus::Receive;
+use crate::channel::port::Publisher;
+use crate::msg::{BUSES, BusFrame, BusHealth, ImuBatch, ImuSample};
+use crate::sensor::imu::ImuReader;
+use std::os::fd::RawFd;
+use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+
+/// A thread looks at least so often whether it shall end, and whether the IMU is due for a request.
+const LOOK_EVERY: Span = Span::from_ms(5);
+/// Bytes read at once: 16 ms of the fastest stream (USB adapters deliver so), and some.
+const CHUNK: usize = 2048;
+
+/// What the I/O threads see, for the control thread.
+#[derive(Debug, Default)]
+pub struct Seen {
+    health: [AtomicU8; BUSES],
+    imu_lost: AtomicU32,
+}
+
+impl Seen {
+    /// Health of each bus.
+    #[must_use]
+    pub fn health(&self) -> [BusHealth; BUSES] {
+        let read = |n: &AtomicU8| BusHealth::from_u8(n.load(Ordering::Relaxed)).unwrap_or(BusHealth::Down);
+        self.health.each_ref().map(read)
+    }
+
+    /// IMU messages lost since start.
+    #[must_use]
+    pub fn imu_lost(&self) -> u32 {
+        self.imu_lost.load(Ordering::Relaxed)
+    }
+}
+
+/// A line of bytes that never waits: a serial device, or a simulated one.
+pub trait ByteLine: Send {
+    /// Bytes that are there, 0 if none. `None`: the device is gone.
+    fn read(&mut self, buffer: &mut [u8]) -> Option<usize>;
+    /// Hands over a few bytes. False: gone or full.
+    fn write(&mut self, bytes: &[u8]) -> bool;
+    /// A descriptor that polls readable when bytes are there; negative if there is none.
+    fn readable_fd(&self) -> RawFd;
+}
+
+/// The IMU's line and its reader.
+pub struct ImuPort {
+    reader: ImuReader,
+    line: Box<dyn ByteLine>,
+    gone: bool,
+}
+
+impl ImuPort {
+    /// Reads this line.
+    #[must_use]
+    pub fn new(reader: ImuReader, line: Box<dyn ByteLine>) -> Self {
+        Self { reader, line, gone: false }
+    }
+
+    /// Sends the request that is due, adds the samples that came.
+    pub fn serve(&mut self, now: Stamp, batch: &mut ImuBatch) {
+        if let Some(request) = self.reader.transmit(now) {
+            // A request that is not taken is not answered, and the reader begins anew.
+            self.line.write(request.as_slice());
+        }
+        let mut bytes = [0; CHUNK];
+        let count = self.line.read(&mut bytes);
+        self.gone = count.is_none();
+        self.reader.receive(now, bytes.get(..count.unwrap_or(0)).unwrap_or(&[]), batch);
+    }
+
+    /// A descriptor that polls readable when bytes are there; none when the device is gone, which polls readable for
+    /// ever and would make the thread spin.
+    #[must_use]
+    pub fn readable_fd(&self) -> RawFd {
+        if self.gone { -1 } else { self.line.readable_fd() }
+    }
+}
+
+/// Hands over what the bus has; one turn of its thread.
+pub fn serve_bus(
+    bus: usize,
+    wire: &mut dyn Receive,
+    channel: &mut Publisher<BusFrame>,
+    awaited: &Awaited,
+    seen: &Seen,
+) {
+    poll::readable([wire.readable_fd()], clock::now() + LOOK_EVERY);
+    while let Some(frame) = wire.receive() {
+        channel.publish(&frame);
+        awaited.arrived(bus, &frame);
+    }
+    if let Some(health) = seen.health.get(bus) {
+        health.store(wire.health() as u8, Ordering::Relaxed);
+    }
+}
+
+/// Hands over what the IMU has; one turn of its thread.
+pub fn serve_imu(imu: &mut ImuPort, channel: &mut Publisher<ImuSample>, seen: &Seen) {
+    poll::readable([imu.readable_fd()], clock::now() + LOOK_EVERY);
+    let mut batch = ImuBatch::default();
+    imu.serve(clock::now(), &mut batch);
+    for sample in batch.as_slice() {
+        channel.publish(sample);
+    }
+    seen.imu_lost.fetch_max(batch.dropped, Ordering::Relaxed);
+}

@@ -1,0 +1,121 @@
+use super::*;
+use crate::bus::loopback::{Loopback, pair};
+use crate::config;
+use crate::config::checked::Trigger;
+use crate::msg::{BusFrame, CanFrame, TickInput};
+use crate::rt::clock;
+use crate::rt::io::ByteLine;
+use crate::sensor::imu::ImuReader;
+use std::os::fd::RawFd;
+use std::sync::atomic::AtomicUsize;
+use std::thread;
+use std::time::Duration;
+
+/// Answers each frame it sees with a frame of its own number.
+struct Echoing;
+
+impl Walk for Echoing {
+    fn step(&mut self, input: &TickInput, tick: &mut TickRecord) {
+        tick.input = *input;
+        tick.output = Default::default();
+        for (frames, send) in input.received.iter().zip(&mut tick.output.send) {
+            for frame in frames.as_slice().iter().filter(|f| f.frame.id == 0x181) {
+                send.push(BusFrame { stamp: input.now, frame: CanFrame::new(0x201, frame.frame.payload()) });
+            }
+        }
+    }
+}
+
+/// No IMU at all.
+struct Silence;
+
+impl ByteLine for Silence {
+    fn read(&mut self, _: &mut [u8]) -> Option<usize> {
+        Some(0)
+    }
+    fn write(&mut self, _: &[u8]) -> bool {
+        true
+    }
+    fn readable_fd(&self) -> RawFd {
+        -1
+    }
+}
+
+/// A bus in memory for the process, and its far end.
+fn port() -> (BusPort, Loopback) {
+    let (host, robot) = pair().unwrap();
+    let (words, _) = pair().unwrap();
+    let (transmit, receive) = host.split();
+    let port = BusPort { transmit: Box::new(transmit), receive: Box::new(receive), last_words: Box::new(words) };
+    (port, robot)
+}
+
+struct Rig {
+    running: Running,
+    stop: Stop,
+    robots: [Loopback; BUSES],
+    seen: Arc<AtomicUsize>,
+}
+
+fn rig(name: &str, input: Input, trigger: Trigger) -> Rig {
+    let mut config = config::load(None, &[]).unwrap().config;
+    config.real_time.input = input;
+    config.real_time.trigger = trigger;
+    config.real_time.lock_memory = false;
+    let ([(a, far_a), (b, far_b)], stop) = ([port(), port()], Stop::default());
+    let seen = Arc::new(AtomicUsize::new(0));
+    let counter = seen.clone();
+    let each = move |_: &TickRecord| {
+        counter.fetch_add(1, Ordering::Relaxed);
+    };
+    let parts = Parts {
+        robot: format!("test-process-{name}-{}", std::process::id()),
+        buses: [a, b],
+        imu: ImuPort::new(ImuReader::new(&config.robot.imu), Box::new(Silence)),
+        hand: Hand::open(&config).unwrap(),
+        stop_frames: Default::default(),
+        missing: Missing::default(),
+        simulated: true,
+        sinks: Sinks { each: Box::new(each), dump: Box::new(|_, _| {}) },
+        stop: stop.clone(),
+        config,
+    };
+    Rig { running: start(Echoing, parts).unwrap(), stop, robots: [far_a, far_b], seen }
+}
+
+/// The answer of the loop to one frame of the hip, or none within a second.
+fn answer(robot: &mut Loopback) -> Option<CanFrame> {
+    robot.send(&CanFrame::new(0x181, &[7, 7])).unwrap();
+    let end = clock::now() + crate::base::time::Span::from_ms(1_000);
+    while clock::now() < end {
+        let found = std::iter::from_fn(|| robot.receive()).find(|f| f.frame.id == 0x201);
+        if let Some(found) = found {
+            return Some(found.frame);
+        }
+        thread::sleep(Duration::from_millis(1));
+    }
+    None
+}
+
+#[test]
+fn every_kind_of_input_brings_frames_to_the_tick_and_commands_to_the_wire() {
+    let kinds = [
+        ("threads", Input::Threads, Trigger::Timer),
+        ("triggered", Input::Threads, Trigger::Input),
+        ("inline", Input::Inline, Trigger::Input),
+        ("busy", Input::Busy, Trigger::Input),
+    ];
+    for (name, input, trigger) in kinds {
+        let mut rig = rig(name, input, trigger);
+        let first = answer(&mut rig.robots[0]);
+        let second = answer(&mut rig.robots[1]);
+        rig.stop.request();
+        let summary = rig.running.wait();
+        assert_eq!(first.map(|f| f.data[0]), Some(7), "{name}");
+        assert_eq!(second.map(|f| f.data[0]), Some(7), "{name}");
+        let ticks = summary.observed.last.input.index + 1;
+        let seen = rig.seen.load(Ordering::Relaxed) as u64;
+        assert_eq!(seen + summary.observed.missed + summary.refused_ticks, ticks, "{name}: no tick goes uncounted");
+        assert!(!summary.panicked);
+    }
+}

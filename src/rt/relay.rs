@@ -1,0 +1,101 @@
+//! The relay: takes finished ticks from the control thread and serves everybody else. RT: no.
+//!
+//! Recorder, terminal and other processes hang on the relay, so that none of them, coming, going or slow, is ever felt
+//! in the loop. It also keeps the statistics and the flight recorder.
+
+use super::flight::FlightRecorder;
+use super::stats::LoopStats;
+use crate::channel::port::{ChannelError, Endpoint, Publisher, Subscriber};
+use crate::channel::topic;
+use crate::msg::{Fault, TickRecord};
+use std::collections::VecDeque;
+use std::thread;
+use std::time::Duration;
+
+/// Sleep when nothing waits: a wake-up by the loop would cost the loop a system call.
+const POLL: Duration = Duration::from_millis(2);
+/// Faults kept for the summary.
+const MOST_FAULTS: usize = 20;
+
+/// Writes the ticks around an event somewhere.
+pub type Dump = dyn FnMut(&Fault, &VecDeque<TickRecord>) + Send;
+
+/// What the assembly hangs on the relay.
+pub struct Sinks {
+    /// Sees every tick: the recorder.
+    pub each: Box<dyn FnMut(&TickRecord) + Send>,
+    /// Sees the ticks around an event.
+    pub dump: Box<Dump>,
+}
+
+/// What the relay saw.
+#[derive(Debug, Default)]
+pub struct Observed {
+    /// Histograms.
+    pub stats: LoopStats,
+    /// The first faults, in order.
+    pub faults: Vec<Fault>,
+    /// The last tick.
+    pub last: Box<TickRecord>,
+    /// Ticks that the loop handed over and the relay was too slow for.
+    pub missed: u64,
+}
+
+/// The relay.
+pub(super) struct Relay {
+    inlet: Subscriber<TickRecord>,
+    everybody: Publisher<TickRecord>,
+    sinks: Sinks,
+    flight: FlightRecorder,
+    observed: Observed,
+}
+
+impl Relay {
+    /// Attaches; in the thread that will run it, before the control thread publishes.
+    pub(super) fn attach(channels: &Endpoint, sinks: Sinks, flight_ticks: usize) -> Result<Self, ChannelError> {
+        Ok(Self {
+            inlet: channels.subscriber(&topic::TICK_HANDOVER)?,
+            everybody: channels.publisher(&topic::TICK)?,
+            sinks,
+            flight: FlightRecorder::new(flight_ticks),
+            observed: Observed::default(),
+        })
+    }
+
+    /// Serves until `done` says that the loop has ended and nothing waits.
+    pub(super) fn run(mut self, done: impl Fn() -> bool) -> Observed {
+        loop {
+            let last_round = done();
+            while let Some(record) = self.inlet.receive() {
+                self.serve(&record);
+            }
+            if last_round {
+                break;
+            }
+            thread::sleep(POLL);
+        }
+        self.dump_now();
+        self.observed.missed = self.inlet.missed();
+        self.observed
+    }
+
+    fn serve(&mut self, record: &TickRecord) {
+        self.everybody.publish(record);
+        (self.sinks.each)(record);
+        self.observed.stats.observe(record);
+        let new_fault = record.status.faults > self.observed.last.status.faults;
+        if new_fault && self.observed.faults.len() < MOST_FAULTS {
+            self.observed.faults.push(record.status.first_fault);
+        }
+        *self.observed.last = *record;
+        if let Some(event) = self.flight.observe(record) {
+            (self.sinks.dump)(&event, self.flight.ticks());
+        }
+    }
+
+    fn dump_now(&mut self) {
+        if let Some(event) = self.flight.take_event() {
+            (self.sinks.dump)(&event, self.flight.ticks());
+        }
+    }
+}
