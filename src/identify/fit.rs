@@ -89,6 +89,15 @@ pub struct Fit {
     pub iterations: usize,
 }
 
+/// What is summed over the whitened residuals.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Loss {
+    /// [`loss`].
+    Student,
+    /// Their squares.
+    Square,
+}
+
 /// Normal equations of one window in parameters `p` and states `x`.
 struct Normal {
     pp: DMatrix<f64>,
@@ -132,11 +141,11 @@ fn has_weight(colour: &Colour) -> bool {
     colour.sigma.is_finite() && colour.sigma > 0.0
 }
 
-fn normal(channels: Vec<Series>, noise: &[Colour], shared: usize, states: usize) -> Normal {
+fn normal(channels: Vec<Series>, noise: &[Colour], loss: Loss, shared: usize, states: usize) -> Normal {
     let n = shared + states;
     let (mut h, mut g, mut cost) = (DMatrix::zeros(n, n), DVector::zeros(n), 0.0);
     for (series, colour) in channels.into_iter().zip(noise).filter(|(_, c)| has_weight(c)) {
-        cost += accumulate(series, colour, &mut h, &mut g);
+        cost += accumulate(series, colour, loss, &mut h, &mut g);
     }
     Normal {
         pp: h.view((0, 0), (shared, shared)).into_owned(),
@@ -149,14 +158,14 @@ fn normal(channels: Vec<Series>, noise: &[Colour], shared: usize, states: usize)
 }
 
 /// Adds one channel to `J'WJ` and `J'We`; gives its cost.
-fn accumulate(mut series: Series, colour: &Colour, h: &mut DMatrix<f64>, g: &mut DVector<f64>) -> f64 {
+fn accumulate(mut series: Series, colour: &Colour, kind: Loss, h: &mut DMatrix<f64>, g: &mut DVector<f64>) -> f64 {
     let rows = present(&series);
     colour.whiten(&mut series.residual, &rows);
     for slope in &mut series.slopes {
         colour.whiten(slope, &rows);
     }
     let e: Vec<f64> = rows.iter().map(|k| series.residual[*k]).collect();
-    let w: Vec<f64> = e.iter().map(|x| weight(*x)).collect();
+    let w: Vec<f64> = e.iter().map(|x| if kind == Loss::Student { weight(*x) } else { 1.0 }).collect();
     let j: Vec<Vec<f64>> = series.slopes.iter().map(|s| rows.iter().map(|k| s[*k]).collect()).collect();
     for (a, ja) in j.iter().enumerate() {
         let weighted: Vec<f64> = ja.iter().zip(&w).map(|(x, w)| x * w).collect();
@@ -169,7 +178,7 @@ fn accumulate(mut series: Series, colour: &Colour, h: &mut DMatrix<f64>, g: &mut
             }
         }
     }
-    e.iter().map(|x| loss(*x)).sum()
+    e.iter().map(|x| if kind == Loss::Student { loss(*x) } else { x * x }).sum()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -198,12 +207,12 @@ impl Normal {
 }
 
 /// Linearises all windows in parallel. `None` if one of them leaves the finite numbers.
-fn linearise(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option<Reduced> {
+fn linearise(runs: &impl FreeRuns, at: &Point, noise: &[Colour], loss: Loss) -> Option<Reduced> {
     let shared = at.parameters.len();
     let one = |w: usize| {
         let states = &at.states[w];
         let channels = runs.run(w, &at.parameters, states, true)?;
-        Some(normal(channels, noise, shared, states.len()))
+        Some(normal(channels, noise, loss, shared, states.len()))
     };
     let windows: Vec<Normal> = (0..runs.windows()).into_par_iter().map(one).collect::<Option<_>>()?;
     let (mut pp, mut gp, mut cost) = (DMatrix::zeros(shared, shared), DVector::zeros(shared), 0.0);
@@ -315,7 +324,7 @@ pub fn fit(runs: &impl FreeRuns, start: Point, bounds: &[Bound], noise: &[Colour
     let mut information = DMatrix::zeros(shared, shared);
     let (mut best, mut outcome, mut iterations) = (f64::INFINITY, Outcome::Infeasible, 0);
     while iterations < limits.iterations {
-        let Some(system) = linearise(runs, &at, noise) else { break };
+        let Some(system) = linearise(runs, &at, noise, Loss::Student) else { break };
         iterations += 1;
         best = system.cost;
         let mut accepted = None;
@@ -354,7 +363,8 @@ pub fn fit(runs: &impl FreeRuns, start: Point, bounds: &[Bound], noise: &[Colour
 ///
 /// Gives cost at the point and the promised cost after the step; `None` if the run leaves the finite numbers.
 pub fn promise(runs: &impl FreeRuns, at: &Point, bounds: &[Bound], noise: &[Colour]) -> Option<(f64, f64)> {
-    let system = linearise(runs, at, noise)?;
+    // Squares: a start is far from the minimum as a rule, and Student's weights there promise next to nothing.
+    let system = linearise(runs, at, noise, Loss::Square)?;
     let step = system.step(at, bounds, 1e-6);
     Some((system.cost, system.cost - step.promised))
 }

@@ -8,5 +8,6 @@ pub mod experiment;
 pub mod fit;
 pub mod identifiability;
 pub mod noise;
+pub mod problem;
 pub mod rollout;
 pub mod theta;
