@@ -204,6 +204,9 @@ impl Screen {
 #[must_use]
 pub fn pseudo_inverse(a: &DMatrix<f64>, floor: f64) -> DMatrix<f64> {
     let n = a.nrows();
+    if n == 0 {
+        return a.clone();
+    }
     let scale: Vec<f64> = (0..n).map(|i| if a[(i, i)] > 0.0 { 1.0 / libm::sqrt(a[(i, i)]) } else { 0.0 }).collect();
     let unit = DMatrix::from_fn(n, n, |r, c| 0.5 * (a[(r, c)] + a[(c, r)]) * scale[r] * scale[c]);
     let eigen = unit.symmetric_eigen();

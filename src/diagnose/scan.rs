@@ -1,0 +1,232 @@
+//! Scans of the library's linear effects over dense grids of shape: orders of ripple, instants of a push or of lost
+//! counts; and the free curves that say whether a force goes with angle, rate or time at all.
+//!
+//! RT: no.
+
+use crate::diagnose::screen::{Column, Score, Screen};
+use crate::diagnose::tangent::{Tangent, force_column, local_force, reading_column};
+use rayon::prelude::*;
+
+/// Knots of a free curve over angle or rate: fine enough for a cogging of order 10 per travel, coarse enough for noise.
+const KNOTS: usize = 24;
+
+/// A hit of a scan: where on the grid, and what it gains.
+#[derive(Clone, Debug)]
+pub struct Hit<T> {
+    /// Point of the grid.
+    pub at: T,
+    /// Gain and amplitudes there.
+    pub score: Score,
+}
+
+fn best<T: Send>(hits: Vec<Hit<T>>) -> Option<Hit<T>> {
+    hits.into_iter().max_by(|a, b| a.score.gain.total_cmp(&b.score.gain))
+}
+
+/// Best order of a torque that goes with `sin` and `cos` of `order * q`. Amplitudes: sine, cosine.
+#[must_use]
+pub fn ripple(screen: &Screen, windows: &[Tangent], joint: usize, orders: &[f64]) -> Option<Hit<f64>> {
+    let one = |order: &f64| {
+        let wave = |shift: f64| force_column(windows, joint, move |w, k| libm::sin(order * w.states[k][joint] + shift));
+        Hit { at: *order, score: screen.score(&[wave(0.0), wave(std::f64::consts::FRAC_PI_2)]) }
+    };
+    best(orders.par_iter().map(one).collect())
+}
+
+/// Best instant of one push at `joint`: window and row. The amplitude is an impulse.
+#[must_use]
+pub fn push(screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Hit<(usize, usize)>> {
+    let one = |at: (usize, usize)| {
+        let w = &windows[at.0];
+        let dt = w.t_s[at.1 + 1] - w.t_s[at.1];
+        let column = local_force(windows, at.0, joint, |k| if k == at.1 { 1.0 / dt } else { 0.0 });
+        Hit { at, score: screen.score(&[column]) }
+    };
+    best(instants(windows).into_par_iter().map(one).collect())
+}
+
+/// Best instant at which `channel` jumps and stays, also over the following windows of the same recording.
+#[must_use]
+pub fn jump(screen: &Screen, windows: &[Tangent], channel: usize) -> Option<Hit<(usize, usize)>> {
+    let one = |at: (usize, usize)| Hit { at, score: screen.score(&[jump_column(windows, channel, at)]) };
+    best(instants(windows).into_par_iter().map(one).collect())
+}
+
+fn jump_column(windows: &[Tangent], channel: usize, at: (usize, usize)) -> Column {
+    let (recording, from_s) = (windows[at.0].recording, windows[at.0].t_s[at.1]);
+    let column = |w: &Tangent| {
+        if w.recording != recording || w.t_s.last().is_none_or(|t| *t < from_s) {
+            return Vec::new();
+        }
+        w.reading(channel, |k| if w.t_s[k] >= from_s { 1.0 } else { 0.0 })
+    };
+    windows.iter().map(column).collect()
+}
+
+/// At most some 400 instants per recording, spread evenly.
+fn instants(windows: &[Tangent]) -> Vec<(usize, usize)> {
+    let rows: usize = windows.iter().map(Tangent::rows).sum();
+    let recordings = windows.iter().map(|w| w.recording).max().unwrap_or(0) + 1;
+    let stride = (rows / (400 * recordings)).max(1);
+    let of = |(w, tangent): (usize, &Tangent)| -> Vec<(usize, usize)> {
+        (1..tangent.rows().saturating_sub(2)).step_by(stride).map(|k| (w, k)).collect()
+    };
+    windows.iter().enumerate().flat_map(of).collect()
+}
+
+/// What a free curve is drawn over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Over {
+    /// The coordinate.
+    Angle,
+    /// Its rate.
+    Rate,
+    /// Time since the start of each recording.
+    Time,
+}
+
+/// A free force curve at a joint: knots, and the score of its columns (one hat function each).
+#[derive(Clone, Debug)]
+pub struct Curve {
+    /// What it is drawn over.
+    pub over: Over,
+    /// Index of the joint.
+    pub joint: usize,
+    /// Recording, for a curve over time.
+    pub recording: Option<usize>,
+    /// Abscissae.
+    pub knots: Vec<f64>,
+    /// Gain, force at each knot and its deviation.
+    pub score: Score,
+}
+
+/// Hat function number `i` on evenly spaced `knots`.
+fn hat(knots: &[f64], i: usize, x: f64) -> f64 {
+    let width = knots[1] - knots[0];
+    (1.0 - ((x - knots[i]) / width).abs()).max(0.0)
+}
+
+fn range(windows: &[Tangent], value: impl Fn(&Tangent, usize) -> f64) -> (f64, f64) {
+    let mut all: Vec<f64> =
+        windows.iter().flat_map(|w| (0..w.rows()).map(|k| value(w, k)).collect::<Vec<_>>()).collect();
+    all.sort_by(f64::total_cmp);
+    // A few rows far out would waste the knots.
+    let at = |q: f64| all.get(((all.len().max(1) - 1) as f64 * q) as usize).copied().unwrap_or(0.0);
+    (at(0.002), at(0.998))
+}
+
+/// The free force curve at `joint` over angle or rate, all recordings together.
+#[must_use]
+pub fn state_curve(screen: &Screen, windows: &[Tangent], joint: usize, over: Over) -> Option<Curve> {
+    let coordinates = windows.first()?.states.first()?.len() / 2;
+    let index = if over == Over::Angle { joint } else { coordinates + joint };
+    let value = |w: &Tangent, k: usize| w.states[k][index];
+    let (low, high) = range(windows, value);
+    if high - low <= 0.0 || !(high - low).is_finite() {
+        return None;
+    }
+    let knots: Vec<f64> = (0..KNOTS).map(|i| low + (high - low) * i as f64 / (KNOTS - 1) as f64).collect();
+    let columns: Vec<Column> = (0..KNOTS)
+        .into_par_iter()
+        .map(|i| force_column(windows, joint, |w, k| hat(&knots, i, value(w, k).clamp(low, high))))
+        .collect();
+    Some(Curve { over, joint, recording: None, score: screen.score(&columns), knots })
+}
+
+/// The free force curve at `joint` over the time of one recording, one knot every `knot_s`.
+#[must_use]
+pub fn time_curve(screen: &Screen, windows: &[Tangent], joint: usize, recording: usize, knot_s: f64) -> Option<Curve> {
+    let mine: Vec<&Tangent> = windows.iter().filter(|w| w.recording == recording).collect();
+    let (from, to) = (*mine.first()?.t_s.first()?, *mine.last()?.t_s.last()?);
+    let count = ((to - from) / knot_s).ceil().clamp(2.0, 400.0) as usize;
+    let knots: Vec<f64> = (0..=count).map(|i| from + (to - from) * i as f64 / count as f64).collect();
+    let width = knots[1] - knots[0];
+    let columns: Vec<Column> = (0..=count)
+        .into_par_iter()
+        .map(|i| {
+            let of = |w: &Tangent| {
+                let outside = w.recording != recording
+                    || w.t_s.last().is_none_or(|t| *t < knots[i] - width)
+                    || w.t_s.first().is_none_or(|t| *t > knots[i] + width);
+                if outside { Vec::new() } else { w.respond(joint, |k| hat(&knots, i, w.t_s[k])) }
+            };
+            windows.iter().map(of).collect()
+        })
+        .collect();
+    Some(Curve { over: Over::Time, joint, recording: Some(recording), score: screen.score(&columns), knots })
+}
+
+/// Best frequency of a force at `joint` that oscillates with time, its phase free in each recording.
+#[must_use]
+pub fn vibration(screen: &Screen, windows: &[Tangent], joint: usize, hz: &[f64]) -> Option<Hit<f64>> {
+    let recordings = windows.iter().map(|w| w.recording).max()? + 1;
+    let one = |f: &f64| {
+        let mut columns = Vec::new();
+        for recording in 0..recordings {
+            for shift in [0.0, std::f64::consts::FRAC_PI_2] {
+                columns.push(vibration_column(windows, joint, recording, *f, shift));
+            }
+        }
+        Hit { at: *f, score: screen.score(&columns) }
+    };
+    best(hz.par_iter().map(one).collect())
+}
+
+fn vibration_column(windows: &[Tangent], joint: usize, recording: usize, hz: f64, shift: f64) -> Column {
+    let omega = 2.0 * std::f64::consts::PI * hz;
+    let of = |w: &Tangent| {
+        if w.recording == recording { w.respond(joint, |k| libm::sin(omega * w.t_s[k] + shift)) } else { Vec::new() }
+    };
+    windows.iter().map(of).collect()
+}
+
+/// Gain of a once-per-turn error of `channel` that reads coordinate `joint`. Amplitudes: sine, cosine.
+#[must_use]
+pub fn eccentricity(screen: &Screen, windows: &[Tangent], channel: usize, joint: usize) -> Score {
+    let wave = |shift: f64| reading_column(windows, channel, move |w, k| libm::sin(w.states[k][joint] + shift));
+    screen.score(&[wave(0.0), wave(std::f64::consts::FRAC_PI_2)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::tangent::tests::mass;
+    use crate::identify::fit::{FreeRuns, Point, Series};
+    use crate::identify::noise::Colour;
+
+    /// A mass whose truth had a push of 0.02 N s at row 40.
+    struct Pushed(Tangent);
+
+    impl FreeRuns for Pushed {
+        fn windows(&self) -> usize {
+            1
+        }
+        fn run(&self, _: usize, _: &[f64], x: &[f64], _: bool) -> Option<Vec<Series>> {
+            let truth = self.0.respond(0, |k| if k == 40 { 2.0 } else { 0.0 });
+            let t = &self.0.t_s;
+            let residual = (0..100).map(|k| x[0] + x[1] * t[k] - truth[0][k]).collect();
+            Some(vec![Series { residual, slopes: vec![vec![1.0; 100], t.clone()] }])
+        }
+    }
+
+    #[test]
+    fn a_push_is_found_at_its_instant_with_its_impulse() {
+        let runs = Pushed(mass());
+        let at = Point { parameters: vec![], states: vec![vec![0.0, 0.0]] };
+        let screen = Screen::new(&runs, &at, &[Colour::white(0.1)]).unwrap();
+        let hit = push(&screen, &[runs.0.clone()], 0).unwrap();
+        assert_eq!(hit.at, (0, 40));
+        assert!((hit.score.amplitudes[0] - 0.02).abs() < 1e-4, "{:?}", hit.score);
+    }
+
+    #[test]
+    fn a_force_over_time_is_recovered_as_a_curve() {
+        let runs = Pushed(mass());
+        let at = Point { parameters: vec![], states: vec![vec![0.0, 0.0]] };
+        let screen = Screen::new(&runs, &at, &[Colour::white(0.001)]).unwrap();
+        let curve = time_curve(&screen, &[runs.0.clone()], 0, 0, 0.05).unwrap();
+        let peak = (0..curve.knots.len())
+            .max_by(|a, b| curve.score.amplitudes[*a].abs().total_cmp(&curve.score.amplitudes[*b].abs()));
+        assert!((curve.knots[peak.unwrap()] - 0.4).abs() < 0.06, "{curve:?}");
+    }
+}
