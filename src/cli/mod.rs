@@ -7,6 +7,8 @@
 
 mod check_config;
 pub mod config_args;
+mod diagnose;
+mod identify;
 mod inspect;
 mod outcome;
 pub mod progress;
@@ -36,6 +38,8 @@ struct Cli {
 /// The subcommands.
 #[derive(Subcommand)]
 enum Command {
+    Diagnose(diagnose::Args),
+    Identify(identify::Args),
     Score(score::Args),
     Trial(trial::Args),
     CheckConfig(check_config::Args),
@@ -46,6 +50,8 @@ enum Command {
 impl Run for Command {
     fn run(self) -> anyhow::Result<Outcome> {
         match self {
+            Self::Diagnose(args) => args.run(),
+            Self::Identify(args) => args.run(),
             Self::Score(args) => args.run(),
             Self::Trial(args) => args.run(),
             Self::CheckConfig(args) => args.run(),

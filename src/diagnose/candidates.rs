@@ -91,6 +91,8 @@ pub struct Candidate {
     pub keys: Vec<Key>,
     /// Values to start from, in the order of `keys`.
     pub starts: Vec<Vec<f64>>,
+    /// The one recording that it acts in, for single events.
+    pub only: Option<String>,
 }
 
 const fn linear(name: &'static str, min: f64, max: f64) -> Key {
@@ -102,7 +104,7 @@ const fn decades(name: &'static str, min: f64, max: f64) -> Key {
 }
 
 fn candidate(effect: &'static str, at: &str, keys: Vec<Key>, starts: Vec<Vec<f64>>) -> Candidate {
-    Candidate { effect, at: at.to_owned(), keys, starts }
+    Candidate { effect, at: at.to_owned(), keys, starts, only: None }
 }
 
 /// Every candidate of the library that makes sense on this mechanism. Localised ones (a push, lost counts) start at
@@ -133,13 +135,13 @@ pub fn library(scales: &Scales) -> Vec<Candidate> {
 fn friction(j: &JointScale, scales: &Scales) -> Vec<Candidate> {
     let level = j.torque.max(j.coulomb);
     let viscous = level / j.rate.max(1e-12);
-    let small = 0.01 * level;
+    let small = 0.003 * level;
     let mut all = vec![
         candidate(
             "viscous_friction",
             &j.name,
             vec![linear("viscous", 0.0, 10.0 * viscous)],
-            vec![vec![0.01 * viscous]],
+            vec![vec![0.003 * viscous]],
         ),
         candidate("coulomb_friction", &j.name, vec![linear("coulomb", 0.0, 3.0 * level)], vec![vec![small]]),
         candidate(
@@ -153,7 +155,7 @@ fn friction(j: &JointScale, scales: &Scales) -> Vec<Candidate> {
             "quadratic_drag",
             &j.name,
             vec![linear("quadratic", 0.0, 10.0 * viscous / j.rate.max(1e-12))],
-            vec![vec![0.005 * viscous / j.rate.max(1e-12)]],
+            vec![vec![0.002 * viscous / j.rate.max(1e-12)]],
         ),
     ];
     if j.coulomb > 0.0 {

@@ -4,10 +4,25 @@
 //! recordings that were never fitted → [`verdict`].
 //! RT: no.
 
+pub mod attribute;
+pub mod base;
 pub mod candidates;
 pub mod generator;
+pub mod hypothesis;
+pub mod likelihood;
+pub mod linearise;
+pub mod localise;
+pub mod pipeline;
+pub mod propose;
+pub mod prove;
+pub mod scales;
+pub mod scan;
 pub mod score;
 pub mod screen;
 pub mod sentence;
+pub mod sets;
+pub mod tables;
+pub mod tangent;
 pub mod trial;
+pub mod unlisted;
 pub mod verdict;

@@ -1,0 +1,172 @@
+//! The base fit: parameters as given and fitted again, on horizons that grow, with samples that cannot be true left out.
+//!
+//! RT: no.
+
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::white;
+use crate::identify::experiment::{Experiment, Recording};
+use crate::identify::fit::{Limits, Point, fit};
+use crate::identify::noise::{Colour, median_abs};
+use crate::identify::problem::Problem;
+use crate::identify::rollout::Pooled;
+use crate::model::rig::{Rig, Sensor, Use};
+use nalgebra::DMatrix;
+
+/// Horizons of the first stages, s (model notes §9).
+const HORIZONS_S: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
+
+/// Smallest residual that each channel can have: rounding, and a millionth of its spread for exact simulations;
+/// infinite where a channel carries no signal.
+#[must_use]
+pub fn floors(rig: &Rig, pooled: &Pooled, recordings: &[Recording]) -> Vec<f64> {
+    let one = |(c, (sensor, std)): (usize, (&Sensor, &f64))| {
+        if !std.is_finite() || *std <= ONLY_NOISE * roughness(recordings, c) {
+            return f64::INFINITY;
+        }
+        (sensor.quantum / libm::sqrt(12.0)).max(1e-6 * std)
+    };
+    rig.sensors.iter().zip(&pooled.std).enumerate().map(one).collect()
+}
+
+/// A channel whose spread is below this many times its sample-to-sample noise carries no signal (an IMU on a held leg).
+const ONLY_NOISE: f64 = 1.5;
+
+/// Noise of a channel by its second differences, robustly.
+fn roughness(recordings: &[Recording], channel: usize) -> f64 {
+    let bends = recordings.iter().flat_map(|r| r.measured[channel].windows(3).map(|y| y[0] - 2.0 * y[1] + y[2]));
+    median_abs(&bends.collect::<Vec<_>>()) / (0.6745 * libm::sqrt(6.0))
+}
+
+/// The fit recordings of an experiment.
+#[must_use]
+pub fn fit_recordings(experiment: &Experiment) -> Vec<Recording> {
+    experiment.of_use(Use::Fit).cloned().collect()
+}
+
+/// Fits all free numbers of `rig`: horizons grow, then white noise of the size of the residual, twice.
+#[must_use]
+pub fn fitted(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f64]) -> Option<Hypothesis> {
+    let mut start = rig.clone();
+    let rough: Vec<Colour> = pooled
+        .std
+        .iter()
+        .zip(floors)
+        .map(|(s, f)| Colour::white(if f.is_finite() { 0.05 * s } else { f64::INFINITY }))
+        .collect();
+    let full = Problem::new(rig.clone(), recordings.to_vec());
+    let longest = full.longest_s();
+    for horizon_s in HORIZONS_S.into_iter().filter(|h| *h < 0.8 * longest) {
+        let problem = full.with_rig(start.clone()).with_horizon(horizon_s);
+        let limits = Limits { iterations: 8, tolerance: 1e-3 };
+        let stage = fit(&problem, problem.start(), &problem.bounds(), &rough, limits);
+        if stage.cost.is_finite() {
+            start = problem.rig_at(&stage.point.parameters);
+        }
+    }
+    let grown = settled(&full.with_rig(start), &rough, floors);
+    let direct = settled(&full, &rough, floors);
+    match (grown, direct) {
+        (Some(a), Some(b)) => Some(if a.likelihood >= b.likelihood { a } else { b }),
+        (a, b) => a.or(b),
+    }
+}
+
+/// Full-horizon fit: initial states first, then everything; the noise follows the residual.
+fn settled(problem: &Problem, rough: &[Colour], floors: &[f64]) -> Option<Hypothesis> {
+    let mut now = states_only(problem, problem.start(), rough, floors)?;
+    for round in 0..3 {
+        let noise = if round == 0 { rough.to_vec() } else { white(&now.residuals, floors) };
+        let limits = Limits { iterations: if round == 0 { 15 } else { 10 }, tolerance: 1e-5 };
+        let next = Hypothesis::fitted(problem.clone(), now.point.clone(), &noise, floors, limits)?;
+        now = next;
+    }
+    Some(now)
+}
+
+/// The rig as it is: only the initial states are fitted.
+#[must_use]
+pub fn as_given(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f64]) -> Option<Hypothesis> {
+    let rough: Vec<Colour> = pooled
+        .std
+        .iter()
+        .zip(floors)
+        .map(|(s, f)| Colour::white(if f.is_finite() { 0.05 * s } else { f64::INFINITY }))
+        .collect();
+    let problem = Problem::new(rig.clone(), recordings.to_vec());
+    let start = problem.start();
+    let first = states_only(&problem, start, &rough, floors)?;
+    let noise = white(&first.residuals, floors);
+    states_only(&problem, first.point, &noise, floors)
+}
+
+/// Fits initial states with all shared numbers held.
+fn states_only(problem: &Problem, start: Point, noise: &[Colour], floors: &[f64]) -> Option<Hypothesis> {
+    let held = Problem::new(known(&problem.rig), problem.recordings.clone());
+    let from = Point { parameters: Vec::new(), states: start.states };
+    let done = fit(&held, from, &[], noise, Limits { iterations: 12, tolerance: 1e-5 });
+    let states = done.point.states;
+    let n = start.parameters.len();
+    Hypothesis::at(problem.clone(), Point { parameters: start.parameters, states }, DMatrix::zeros(n, n), floors)
+}
+
+/// `rig` with no number left free.
+#[must_use]
+pub fn known(rig: &Rig) -> Rig {
+    let mut out = rig.clone();
+    for slot in rig.slots() {
+        if let Some(value) = out.value_mut(slot) {
+            value.bounds = None;
+        }
+    }
+    out
+}
+
+/// Takes single samples out that stick out of their neighbours by far more than noise: transmission errors.
+///
+/// In: a hypothesis whose residual is smooth but for noise. Gives how many were taken out per recording.
+pub fn drop_spikes(recordings: &mut [Recording], of: &Hypothesis) -> Vec<usize> {
+    let mut dropped = vec![0; recordings.len()];
+    for channel in 0..of.rig.sensors.len() {
+        let peaks: Vec<Vec<Peak>> = (0..recordings.len()).map(|r| peaks(of, r, channel)).collect();
+        let all: Vec<f64> = peaks.iter().flatten().map(|p| p.height).collect();
+        let limit = 8.0 * median_abs(&all) / 0.6745;
+        if limit <= 0.0 {
+            continue;
+        }
+        for (r, list) in peaks.iter().enumerate() {
+            let least = limit.max(of.rig.sensors[channel].quantum * 2.5);
+            for peak in list.iter().filter(|p| p.lonely && p.height.abs() > least) {
+                recordings[r].measured[channel][peak.row] = f64::NAN;
+                dropped[r] += 1;
+            }
+        }
+    }
+    dropped
+}
+
+/// How far a sample sticks out of its neighbours.
+struct Peak {
+    row: usize,
+    height: f64,
+    /// It has no neighbour on its side: a spike, not a jump that stays.
+    lonely: bool,
+}
+
+/// Residual of each row minus the mean of its two neighbours, where all three lie in one window.
+fn peaks(of: &Hypothesis, recording: usize, channel: usize) -> Vec<Peak> {
+    let mut out = Vec::new();
+    let measured = &of.problem.recordings[recording].measured[channel];
+    let windows = of.problem.recordings[recording].windows();
+    let mine = of.problem.windows.iter().enumerate().filter(|(_, (r, _))| *r == recording);
+    for (flat, (_, w)) in mine {
+        let rows: Vec<usize> = windows[*w].clone().filter(|k| measured[*k].is_finite()).collect();
+        let e = &of.residuals[channel][flat];
+        for k in 1..rows.len().saturating_sub(1) {
+            let (a, b, c) = (e[k - 1], e[k], e[k + 1]);
+            let middle = b - 0.5 * (a + c);
+            let lonely = (b - a) * (b - c) > 0.0 && (b - a).abs().min((b - c).abs()) > 0.5 * middle.abs();
+            out.push(Peak { row: rows[k], height: middle, lonely });
+        }
+    }
+    out
+}

@@ -1,0 +1,73 @@
+//! A rig fitted to the recordings: one hypothesis of what the machine is, with its misfit.
+//!
+//! RT: no.
+
+use crate::diagnose::likelihood::{Residuals, blocks, colours};
+use crate::identify::fit::{Fit, Limits, Point, fit};
+use crate::identify::noise::Colour;
+use crate::identify::problem::Problem;
+use crate::model::rig::Rig;
+use nalgebra::DMatrix;
+
+/// A fitted rig.
+#[derive(Clone, Debug)]
+pub struct Hypothesis {
+    /// The rig with its fitted numbers.
+    pub rig: Rig,
+    /// The problem that it solves.
+    pub problem: Problem,
+    /// Where it stands.
+    pub point: Point,
+    /// Residuals there.
+    pub residuals: Residuals,
+    /// Noise as these residuals show it.
+    pub noise: Vec<Colour>,
+    /// Twice the log-likelihood under that noise.
+    pub likelihood: f64,
+    /// Reduced normal matrix of the shared parameters under the noise of the fit.
+    pub information: DMatrix<f64>,
+}
+
+impl Hypothesis {
+    /// Fits `problem` from `start` under `noise`. `None` if the runs leave the finite numbers.
+    #[must_use]
+    pub fn fitted(problem: Problem, start: Point, noise: &[Colour], floors: &[f64], limits: Limits) -> Option<Self> {
+        let bounds = problem.bounds();
+        let Fit { point, cost, information, .. } = fit(&problem, start, &bounds, noise, limits);
+        if !cost.is_finite() {
+            return None;
+        }
+        Self::at(problem, point, information, floors)
+    }
+
+    /// The hypothesis at a point that is already known.
+    #[must_use]
+    pub fn at(problem: Problem, point: Point, information: DMatrix<f64>, floors: &[f64]) -> Option<Self> {
+        let residuals = problem.residuals(&point)?;
+        let noise = colours(&residuals, floors);
+        let likelihood = blocks(&residuals, &noise).iter().sum();
+        let rig = problem.rig_at(&point.parameters);
+        Some(Self { rig, problem, point, residuals, noise, likelihood, information })
+    }
+
+    /// Fits on from here under another noise.
+    #[must_use]
+    pub fn polished(&self, noise: &[Colour], floors: &[f64], limits: Limits) -> Option<Self> {
+        Self::fitted(self.problem.clone(), self.point.clone(), noise, floors, limits)
+    }
+
+    /// Twice the log-likelihood per block under a given noise.
+    #[must_use]
+    pub fn blocks(&self, noise: &[Colour]) -> Vec<f64> {
+        blocks(&self.residuals, noise)
+    }
+
+    /// A problem for another rig (this one with an effect more or less), started where this one stands.
+    #[must_use]
+    pub fn extended(&self, rig: Rig) -> (Problem, Point) {
+        let problem = self.problem.with_rig(rig);
+        let states = problem.adapted(&self.point);
+        let parameters = problem.vector();
+        (problem, Point { parameters, states })
+    }
+}

@@ -1,0 +1,124 @@
+//! How much better one model explains the data than another, noise of unknown colour and outliers allowed for.
+//!
+//! RT: no.
+
+use crate::identify::noise::{Colour, estimate, loss, spread};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Residuals: per channel, per window, samples in order, missing ones left out.
+pub type Residuals = Vec<Vec<Vec<f64>>>;
+
+/// Samples per block of the bootstrap: longer than the memory of any noise model, short enough for hundreds of blocks.
+const BLOCK: usize = 25;
+
+/// Rounds of the block bootstrap.
+const ROUNDS: usize = 400;
+
+/// Noise of each channel as the residual shows it. `floors`: smallest standard deviations (quantisation).
+#[must_use]
+pub fn colours(residuals: &Residuals, floors: &[f64]) -> Vec<Colour> {
+    residuals
+        .iter()
+        .zip(floors)
+        .map(|(runs, floor)| if floor.is_finite() { estimate(runs, *floor) } else { MUTE })
+        .collect()
+}
+
+/// A channel without weight.
+const MUTE: Colour = Colour::white(f64::INFINITY);
+
+/// White noise of the size of the residual, per channel.
+#[must_use]
+pub fn white(residuals: &Residuals, floors: &[f64]) -> Vec<Colour> {
+    let one = |(runs, floor): (&Vec<Vec<f64>>, &f64)| {
+        let all: Vec<f64> = runs.iter().flatten().copied().collect();
+        if floor.is_finite() { Colour::white(robust_spread(&all).max(*floor)) } else { MUTE }
+    };
+    residuals.iter().zip(floors).map(one).collect()
+}
+
+fn robust_spread(all: &[f64]) -> f64 {
+    // The robust spread, but never below a third of the plain one: a mismatch that lives in a few places is no outlier.
+    let rms = libm::sqrt(all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64);
+    spread(all).max(rms / 3.0)
+}
+
+/// Twice the log-likelihood of each block of samples under a noise model, but for a constant.
+#[must_use]
+pub fn blocks(residuals: &Residuals, noise: &[Colour]) -> Vec<f64> {
+    let mut out = Vec::new();
+    for (runs, colour) in residuals.iter().zip(noise) {
+        if !(colour.sigma > 0.0 && colour.sigma.is_finite()) {
+            continue;
+        }
+        let base = -2.0 * libm::log(colour.sigma);
+        for run in runs {
+            let mut e = run.clone();
+            colour.whiten(&mut e, &(0..run.len()).collect::<Vec<_>>());
+            out.extend(e.chunks(BLOCK).map(|c| c.iter().map(|x| base - loss(*x)).sum::<f64>()));
+        }
+    }
+    out
+}
+
+/// Number of samples that carry weight.
+#[must_use]
+pub fn samples(residuals: &Residuals, floors: &[f64]) -> usize {
+    residuals
+        .iter()
+        .zip(floors)
+        .filter(|(_, f)| f.is_finite())
+        .map(|(r, _)| r.iter().map(Vec::len).sum::<usize>())
+        .sum()
+}
+
+/// Sum of the differences `a - b` with the lower and upper bound of a block bootstrap (2.5 and 97.5 %).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference {
+    /// Sum over all blocks.
+    pub total: f64,
+    /// 2.5 % point.
+    pub low: f64,
+    /// 97.5 % point.
+    pub high: f64,
+    /// Standard deviation of the sum.
+    pub std: f64,
+}
+
+/// Compares two models block by block.
+#[must_use]
+pub fn difference(a: &[f64], b: &[f64], seed: u64) -> Difference {
+    let d: Vec<f64> = a.iter().zip(b).map(|(x, y)| x - y).collect();
+    let total: f64 = d.iter().sum();
+    if d.is_empty() {
+        return Difference { total: 0.0, low: 0.0, high: 0.0, std: 0.0 };
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut sums: Vec<f64> =
+        (0..ROUNDS).map(|_| (0..d.len()).map(|_| d[rng.random_range(0..d.len())]).sum::<f64>()).collect();
+    sums.sort_by(f64::total_cmp);
+    let mean = total / d.len() as f64;
+    let variance = d.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
+    Difference { total, low: sums[ROUNDS / 40], high: sums[ROUNDS - 1 - ROUNDS / 40], std: libm::sqrt(variance) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_that_is_better_everywhere_is_surely_better() {
+        let (a, b): (Vec<f64>, Vec<f64>) =
+            ((0..100).map(f64::from).collect(), (0..100).map(|x| f64::from(x) - 1.0).collect());
+        let d = difference(&a, &b, 1);
+        assert!((d.total - 100.0).abs() < 1e-9 && d.low > 99.0);
+    }
+
+    #[test]
+    fn a_model_that_is_better_by_chance_is_not() {
+        let a: Vec<f64> = (0..100).map(|k| if k % 2 == 0 { 10.0 } else { -9.9 }).collect();
+        let d = difference(&a, &[0.0; 100], 1);
+        assert!(d.low < 0.0 && d.high > 0.0, "{d:?}");
+    }
+}

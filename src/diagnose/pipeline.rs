@@ -1,0 +1,178 @@
+//! The whole walk of a diagnosis, stage by stage.
+//!
+//! RT: no.
+
+use crate::diagnose::attribute::{Added, Context, Trial, compare, contested, forward, worth};
+use crate::diagnose::base::{as_given, drop_spikes, fit_recordings, fitted, floors};
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::{samples, white};
+use crate::diagnose::linearise::tangents;
+use crate::diagnose::localise::places;
+use crate::diagnose::propose::candidates;
+use crate::diagnose::prove::{Models, proof};
+use crate::diagnose::scales::scales;
+use crate::diagnose::screen::Screen;
+use crate::diagnose::sentence;
+use crate::diagnose::sets::{answered, rejected};
+use crate::diagnose::tables::{headline, parameter_lines, ranking, undetermined_combinations};
+use crate::diagnose::unlisted::{Unlisted, unexplained};
+use crate::diagnose::verdict::{Diagnosis, Findings, Missing, Verdict, verdict_of};
+use crate::identify::experiment::{Experiment, Recording};
+use crate::identify::fit::Limits;
+use crate::identify::rollout::{Pooled, RolloutError};
+use crate::model::rig::{Rig, Use};
+use std::time::Instant;
+
+/// Why there is no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum DiagnoseError {
+    /// Nothing to fit on.
+    #[error("no recording with use = \"fit\": mark at least one in rig.toml")]
+    NothingToFit,
+    /// The machine does not run.
+    #[error(transparent)]
+    Run(#[from] RolloutError),
+    /// The base model leaves the finite numbers from every start.
+    #[error("the base model diverges on the fit recordings; shorten `window_s` or check units and signs in rig.toml")]
+    Diverges,
+}
+
+/// The answer and the model that goes with it.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    /// Everything for `diagnosis.json` and the page.
+    pub findings: Findings,
+    /// The rig with fitted numbers and the effects that were found.
+    pub model: Rig,
+}
+
+/// Diagnoses a case. `said` hears what is going on.
+///
+/// # Errors
+/// See [`DiagnoseError`].
+pub fn diagnose(experiment: &Experiment, seed: u64, mut said: impl FnMut(&str)) -> Result<Answer, DiagnoseError> {
+    let began = Instant::now();
+    let mut recordings = fit_recordings(experiment);
+    if recordings.is_empty() {
+        return Err(DiagnoseError::NothingToFit);
+    }
+    let pooled = Pooled::of(&experiment.rig, experiment.of_use(Use::Fit));
+    let floors = floors(&experiment.rig, &pooled, &recordings);
+    said("base fit");
+    let first = fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
+    let dropped = drop_spikes(&mut recordings, &first);
+    let given = as_given(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
+    let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
+    let context = Context { samples: samples(&base.residuals, &floors), floors, seed };
+    let refit = compare(&base, &given, &context);
+    let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
+    said(&format!("re-fit gains {:.0}; {:.1} s; noise {:?}", refit.total, began.elapsed().as_secs_f64(), base.noise));
+    let library = |now: &Hypothesis| {
+        let Some(windows) = tangents(now) else { return Vec::new() };
+        let scales = scales(now, &windows, &pooled);
+        let Some(screen) = Screen::new(&now.problem, &now.point, &now.noise) else { return Vec::new() };
+        candidates(now, &scales, &screen, &windows)
+    };
+    let (found, added, last) = forward(&base, library, &context, &mut said);
+    let (found, added) = contested(found, added, experiment.rig.effects.len(), &context);
+    let rest = unexplained(&found, &base, &context, &mut said);
+    let answer = Found { given, base, found, added, rest, refit_needed };
+    let warnings = warnings(experiment, &dropped);
+    let mut findings = answer.findings(experiment, &context, &last, warnings)?;
+    findings.diagnosis.seconds = began.elapsed().as_secs_f64();
+    Ok(Answer { findings, model: answer.model(experiment) })
+}
+
+/// The base fit once more on cleaned recordings.
+#[must_use]
+pub fn again(first: &Hypothesis, recordings: &[Recording], floors: &[f64]) -> Option<Hypothesis> {
+    let mut problem = first.problem.clone();
+    problem.recordings = recordings.to_vec();
+    let noise = white(&first.residuals, floors);
+    let now = Hypothesis::fitted(problem, first.point.clone(), &noise, floors, Limits::default())?;
+    let finer = now.polished(&now.noise, floors, Limits { iterations: 8, tolerance: 1e-6 });
+    Some(finer.filter(|f| f.likelihood > now.likelihood).unwrap_or(now))
+}
+
+fn warnings(experiment: &Experiment, dropped: &[usize]) -> Vec<String> {
+    let mut out: Vec<String> = experiment.recordings.iter().flat_map(|r| r.warnings.clone()).collect();
+    let total: usize = dropped.iter().sum();
+    if total > 0 {
+        out.push(format!(
+            "{total} single samples stick out of their neighbours like transmission errors; left out of the fit"
+        ));
+    }
+    out
+}
+
+/// What the stages found.
+struct Found {
+    given: Hypothesis,
+    base: Hypothesis,
+    found: Hypothesis,
+    added: Vec<Added>,
+    rest: Option<Unlisted>,
+    refit_needed: bool,
+}
+
+impl Found {
+    fn is_unlisted(&self) -> bool {
+        self.rest.is_some()
+    }
+
+    /// The model that the answer stands for: with what was found, if that is all of it.
+    fn explained(&self) -> &Hypothesis {
+        if self.added.is_empty() { &self.base } else { &self.found }
+    }
+
+    fn model(&self, experiment: &Experiment) -> Rig {
+        let keep_given = self.added.is_empty() && !self.refit_needed && !self.is_unlisted();
+        if keep_given { experiment.rig.clone() } else { self.explained().rig.clone() }
+    }
+
+    fn findings(
+        &self,
+        experiment: &Experiment,
+        context: &Context,
+        last: &[Trial],
+        warnings: Vec<String>,
+    ) -> Result<Findings, RolloutError> {
+        let explained = self.explained();
+        let models = Models { given: &experiment.rig, refitted: &self.base.rig, explained: &explained.rig };
+        let (fit, traces) = proof(experiment, models)?;
+        let mut missing: Vec<Missing> = answered(explained, &self.added, context);
+        missing.extend(self.rest.as_ref().map(|u| u.entry.clone()));
+        let verdict = verdict_of(&missing, self.refit_needed);
+        let count = explained.rig.effects.len() - experiment.rig.effects.len();
+        let added = &explained.rig.effects[explained.rig.effects.len() - count..];
+        let next_experiment = if verdict == Verdict::Ambiguous { sentence::next_experiment(&missing) } else { None };
+        let mut places = places(experiment, &traces, &explained.rig, added);
+        if !verdict.is_mismatch() {
+            places.clear();
+        } else if let Some(u) = &self.rest {
+            places.splice(0..0, u.places.iter().cloned());
+        }
+        let diagnosis = Diagnosis {
+            schema: 1,
+            verdict,
+            places,
+            rejected: rejected(&self.added, last, context),
+            missing,
+            next_experiment,
+            fit,
+            seconds: 0.0,
+            seed: context.seed,
+        };
+        Ok(Findings {
+            rig: experiment.rig.name.clone(),
+            headline: headline(&diagnosis),
+            ranking: ranking(&self.base, &self.added, last, context),
+            parameters: parameter_lines(&self.given, &self.base, explained),
+            undetermined: undetermined_combinations(explained),
+            laws: self.rest.as_ref().map(|u| u.laws.clone()).unwrap_or_default(),
+            diagnosis,
+            traces,
+            warnings,
+        })
+    }
+}

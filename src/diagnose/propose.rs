@@ -1,0 +1,123 @@
+//! The candidates of a round: the library, and what the linear scans propose (ripple orders, pushes, lost counts).
+//!
+//! RT: no.
+
+use crate::diagnose::candidates::{Candidate, Key, Scales, library};
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::scan::{Hit, jump, push, ripple};
+use crate::diagnose::screen::Screen;
+use crate::diagnose::tangent::Tangent;
+use crate::model::effect::EffectKind;
+
+/// Largest number of periods per turn (or per travel) of a torque ripple that is looked for.
+const MOST_PERIODS: usize = 60;
+
+/// Every candidate on top of `now` that is not in its rig already.
+#[must_use]
+pub fn candidates(now: &Hypothesis, scales: &Scales, screen: &Screen, windows: &[Tangent]) -> Vec<Candidate> {
+    let mut all: Vec<Candidate> = library(scales).into_iter().filter(|c| !stands(now, c)).collect();
+    for (j, _) in scales.joints.iter().enumerate() {
+        all.extend(ripple_candidate(scales, screen, windows, j));
+        all.extend(push_candidate(now, scales, screen, windows, j));
+    }
+    for channel in 0..now.rig.sensors.len() {
+        all.extend(jump_candidate(now, scales, screen, windows, channel));
+    }
+    all
+}
+
+/// True if the rig has this effect at this place as a free number already. A known one (a spring of the set-up) may
+/// have company.
+fn stands(now: &Hypothesis, candidate: &Candidate) -> bool {
+    let here = now.rig.effects.iter().filter(|e| e.kind.id() == candidate.effect && e.at == candidate.at);
+    // A twin in motion that is already free leaves nothing to the other.
+    let twin = candidate.effect == "friction_asymmetry"
+        && now.rig.effects.iter().any(|e| e.kind == EffectKind::TorqueOffset && e.at == candidate.at);
+    twin || here.into_iter().any(|e| e.values.iter().any(|v| v.is_free()))
+}
+
+/// Orders worth trying: whole numbers per turn; on a rail, whole numbers per travel.
+fn orders(scales: &Scales, joint: usize) -> Vec<f64> {
+    let j = &scales.joints[joint];
+    if j.turns {
+        // Below one period per travel a ripple is a spring.
+        let least = (std::f64::consts::PI / (2.0 * j.travel)).max(1.0).ceil() as usize;
+        (least..=MOST_PERIODS).map(|n| n as f64).collect()
+    } else {
+        (2..=2 * MOST_PERIODS).map(|n| std::f64::consts::PI * n as f64 / (2.0 * j.travel)).collect()
+    }
+}
+
+fn ripple_candidate(scales: &Scales, screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Candidate> {
+    let Hit { at: order, score } = ripple(screen, windows, joint, &orders(scales, joint))?;
+    let (sine, cosine) = (score.amplitudes[0], score.amplitudes[1]);
+    let amplitude = libm::hypot(sine, cosine).max(1e-12);
+    let free = |name, min, max| Key { name, min, max, log: false };
+    let fixed = Key {
+        name: "order",
+        min: order,
+        max: if scales.joints[joint].turns { order } else { order * 1.1 },
+        log: false,
+    };
+    let fixed = if scales.joints[joint].turns { fixed } else { Key { min: order * 0.9, ..fixed } };
+    let keys = vec![free("amplitude", 0.0, 30.0 * amplitude), fixed, free("phase", -12.0, 12.0)];
+    Some(Candidate {
+        effect: "torque_ripple",
+        at: scales.joints[joint].name.clone(),
+        keys,
+        starts: vec![vec![amplitude, order, libm::atan2(cosine, sine)]],
+        only: None,
+    })
+}
+
+fn file(now: &Hypothesis, window: &Tangent) -> Option<String> {
+    now.problem.recordings.get(window.recording).map(|r| r.name.clone())
+}
+
+fn push_candidate(
+    now: &Hypothesis,
+    scales: &Scales,
+    screen: &Screen,
+    windows: &[Tangent],
+    joint: usize,
+) -> Option<Candidate> {
+    let Hit { at: (w, k), score } = push(screen, windows, joint)?;
+    let (time, reach) = (windows[w].t_s[k], 10.0 * scales.step_s);
+    let impulse = score.amplitudes[0];
+    let bound = 20.0 * impulse.abs().max(1e-12);
+    let keys = vec![
+        Key { name: "impulse", min: -bound, max: bound, log: false },
+        Key { name: "time", min: time - reach, max: time + reach, log: false },
+    ];
+    let at = scales.joints[joint].name.clone();
+    Some(Candidate {
+        effect: "external_push",
+        at,
+        keys,
+        starts: vec![vec![impulse, time]],
+        only: file(now, &windows[w]),
+    })
+}
+
+fn jump_candidate(
+    now: &Hypothesis,
+    scales: &Scales,
+    screen: &Screen,
+    windows: &[Tangent],
+    channel: usize,
+) -> Option<Candidate> {
+    let at = now.rig.sensors[channel].column.clone();
+    if now.rig.sensors[channel].is_rate || !scales.sensors.iter().any(|s| s.column == at) {
+        return None;
+    }
+    let Hit { at: (w, k), score } = jump(screen, windows, channel)?;
+    // The first row that shows it; the jump itself lies between it and the one before.
+    let time = windows[w].t_s[k] - 0.5 * scales.step_s;
+    let step = score.amplitudes[0];
+    let bound = 20.0 * step.abs().max(1e-12);
+    let keys = vec![
+        Key { name: "step", min: -bound, max: bound, log: false },
+        Key { name: "time", min: time, max: time, log: false },
+    ];
+    Some(Candidate { effect: "lost_counts", at, keys, starts: vec![vec![step, time]], only: file(now, &windows[w]) })
+}

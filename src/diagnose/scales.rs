@@ -1,0 +1,83 @@
+//! How large things are in a case: read off the base solution, so that the candidates start where they matter.
+//!
+//! RT: no.
+
+use crate::diagnose::candidates::{ActuatorScale, JointScale, Scales, SensorScale};
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::tangent::Tangent;
+use crate::identify::rollout::Pooled;
+use crate::model::effect::EffectKind;
+use crate::model::rig::{MechanismKind, Setup};
+
+/// Scales of a hypothesis and its tangent.
+#[must_use]
+pub fn scales(of: &Hypothesis, windows: &[Tangent], pooled: &Pooled) -> Scales {
+    let recordings = &of.problem.recordings;
+    let steps: Vec<f64> = recordings.iter().flat_map(|r| r.times.windows(2).map(|p| p[1] - p[0])).collect();
+    let compass = of.rig.mechanism == MechanismKind::CompassGait;
+    let parameter = |name: &str| of.rig.mechanism.parameter_index(name).map_or(0.0, |i| of.rig.parameters[i].value);
+    Scales {
+        joints: (0..of.rig.mechanism.coordinates().len()).map(|j| joint(of, windows, j)).collect(),
+        actuators: (0..of.rig.actuators.len())
+            .map(|a| ActuatorScale { column: of.rig.actuators[a].column.clone(), peak: peak(of, a) })
+            .collect(),
+        sensors: (of.rig.sensors.iter().zip(&pooled.std))
+            .filter(|(_, std)| std.is_finite() && **std > 0.0)
+            .map(|(s, std)| SensorScale { column: s.column.clone(), spread: *std, of_rate: s.is_rate })
+            .collect(),
+        step_s: median(&steps),
+        duration_s: recordings.iter().map(|r| r.times[r.len() - 1] - r.times[0]).fold(0.0, f64::max),
+        leg_m: compass.then(|| parameter("leg_length_m")),
+        weight_n: parameter("total_mass_kg") * parameter("gravity_m_s2"),
+        walks: recordings.iter().any(|r| r.setup == Some(Setup::Walk)),
+    }
+}
+
+fn median(all: &[f64]) -> f64 {
+    let mut sorted = all.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(1e-3)
+}
+
+/// Largest torque or force that actuator `a` applied.
+fn peak(of: &Hypothesis, a: usize) -> f64 {
+    let gain = of.rig.actuators[a].gain.value;
+    of.problem.recordings.iter().flat_map(|r| &r.inputs[a]).map(|u| (gain * u).abs()).fold(0.0, f64::max)
+}
+
+fn joint(of: &Hypothesis, windows: &[Tangent], j: usize) -> JointScale {
+    let coordinates = of.rig.mechanism.coordinates().len();
+    let column = |i: usize| -> Vec<f64> { windows.iter().flat_map(|w| w.states.iter().map(move |s| s[i])).collect() };
+    let (angle, rate) = (column(j), column(coordinates + j));
+    let extreme = |sign: f64| angle.iter().map(|x| sign * x).fold(f64::NEG_INFINITY, f64::max);
+    let driven: Vec<usize> = (0..of.rig.actuators.len()).filter(|a| of.rig.actuators[*a].joint == j).collect();
+    let name = of.rig.mechanism.coordinates()[j];
+    let coulomb = (of.rig.effects.iter().filter(|e| e.kind == EffectKind::CoulombFriction && e.at == name))
+        .filter_map(|e| e.values.first())
+        .map(|v| v.value)
+        .sum();
+    let travel = (0.5 * (extreme(1.0) + extreme(-1.0))).max(1e-9);
+    let rate = libm::sqrt(rate.iter().map(|x| x * x).sum::<f64>() / rate.len().max(1) as f64);
+    let inertia = inertia(windows, j);
+    // Undriven, a joint's own inertia over its motion sets the scale.
+    let inertial = inertia * rate * rate / travel;
+    let torque = driven.iter().map(|a| peak(of, *a)).sum::<f64>().max(0.3 * inertial);
+    let turns = of.rig.mechanism != MechanismKind::Slider;
+    JointScale { name: name.into(), torque, rate, travel, inertia, coulomb, driven: !driven.is_empty(), turns }
+}
+
+/// Inertia that a force at joint `j` feels: median over the rows of time over change of rate.
+fn inertia(windows: &[Tangent], j: usize) -> f64 {
+    let mut all = Vec::new();
+    for w in windows {
+        for k in (0..w.rows().saturating_sub(1)).step_by(7) {
+            let n = w.phi[k].nrows();
+            // Rates stand in the second half of the state; of the joint's own columns the largest response counts.
+            let change = (n / 2..n).map(|i| w.gamma[k][(i, j)].abs()).fold(0.0, f64::max);
+            if change > 0.0 {
+                all.push((w.t_s[k + 1] - w.t_s[k]) / change);
+            }
+        }
+    }
+    if all.is_empty() { 1.0 } else { median(&all) }
+}

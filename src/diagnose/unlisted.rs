@@ -1,0 +1,163 @@
+//! What no effect of the library explains: is there structure left, where does it live, what force would it take?
+//!
+//! RT: no.
+
+use crate::diagnose::attribute::Context;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::linearise::tangents;
+use crate::diagnose::scan::{Curve, Over, state_curve, time_curve, vibration};
+use crate::diagnose::screen::Screen;
+use crate::diagnose::sentence;
+use crate::diagnose::tangent::Tangent;
+use crate::diagnose::verdict::{Law, Member, Missing, Place};
+use crate::model::rig::Rig;
+use std::collections::BTreeMap;
+
+/// A mismatch without a name.
+#[derive(Clone, Debug)]
+pub struct Unlisted {
+    /// Its entry in `missing`.
+    pub entry: Missing,
+    /// The residual force as curves.
+    pub laws: Vec<Law>,
+    /// Where it lives.
+    pub places: Vec<Place>,
+    /// Gain of the best free curve.
+    pub gain: f64,
+}
+
+/// One way in which a free force could go with something.
+struct Pattern {
+    joint: usize,
+    over: String,
+    gain: f64,
+    numbers: usize,
+    curve: Option<Curve>,
+    interval: Option<(usize, f64, f64)>,
+}
+
+/// Looks for structure in what `found` leaves.
+#[must_use]
+pub fn unexplained(
+    found: &Hypothesis,
+    base: &Hypothesis,
+    context: &Context,
+    mut said: impl FnMut(&str),
+) -> Option<Unlisted> {
+    let windows = tangents(found)?;
+    let screen = Screen::new(&found.problem, &found.point, &found.noise)?;
+    let mut patterns = patterns(&found.rig, &screen, &windows);
+    patterns.sort_by(|a, b| excess(b).total_cmp(&excess(a)));
+    let best = patterns.first()?;
+    said(&format!("free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
+    // A free force has many numbers: the bar is that of the library's effects, over what chance gives each number.
+    let explained = found.likelihood - base.likelihood;
+    let least = (0.03 * context.samples as f64).max(80.0).max(0.3 * explained);
+    if excess(best) < least {
+        return None;
+    }
+    let at = found.rig.mechanism.coordinates()[best.joint];
+    let sentence = sentence::unlisted(at, &best.over, share(found, best));
+    let entry = Missing {
+        one_of: vec![Member { effect: "unlisted".into(), at: at.into(), weight: 1.0, parameters: BTreeMap::new() }],
+        sentence,
+    };
+    let laws = patterns.iter().filter_map(|p| p.curve.as_ref()).take(2).map(|c| law(found, c)).collect();
+    Some(Unlisted { entry, laws, places: located(found, best), gain: best.gain })
+}
+
+/// Gain beyond twice what its numbers bring by chance.
+fn excess(p: &Pattern) -> f64 {
+    p.gain - 3.0 * p.numbers as f64
+}
+
+fn share(found: &Hypothesis, p: &Pattern) -> f64 {
+    let energy: f64 = found
+        .residuals
+        .iter()
+        .zip(&found.noise)
+        .filter(|(_, c)| c.sigma.is_finite())
+        .map(|(r, c)| r.iter().flatten().map(|x| (x / c.sigma).powi(2)).sum::<f64>())
+        .sum();
+    (p.gain / energy.max(1e-12)).clamp(0.0, 1.0)
+}
+
+fn patterns(rig: &Rig, screen: &Screen, windows: &[Tangent]) -> Vec<Pattern> {
+    let names = rig.mechanism.coordinates();
+    let mut out = Vec::new();
+    for (joint, name) in names.iter().enumerate() {
+        for (over, what) in [(Over::Angle, "position"), (Over::Rate, "rate")] {
+            if let Some(curve) = state_curve(screen, windows, joint, over) {
+                out.push(Pattern {
+                    joint,
+                    over: format!("the {what} of {name}"),
+                    gain: curve.score.gain,
+                    numbers: curve.knots.len(),
+                    curve: Some(curve),
+                    interval: None,
+                });
+            }
+        }
+        out.extend(vibration_pattern(screen, windows, joint));
+        out.extend(time_pattern(screen, windows, joint));
+    }
+    out
+}
+
+fn vibration_pattern(screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Pattern> {
+    let grid: Vec<f64> = (0..80).map(|i| 0.5 * libm::pow(1.05, f64::from(i))).collect();
+    let hit = vibration(screen, windows, joint, &grid)?;
+    Some(Pattern {
+        joint,
+        over: format!("time, like a vibration of {:.2} Hz", hit.at),
+        gain: hit.score.gain,
+        numbers: hit.score.amplitudes.len() + 6,
+        curve: None,
+        interval: None,
+    })
+}
+
+/// Force over time, all recordings together; the interval is where most of it acts.
+fn time_pattern(screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Pattern> {
+    let recordings = windows.iter().map(|w| w.recording).max()? + 1;
+    let curves: Vec<Curve> = (0..recordings).filter_map(|r| time_curve(screen, windows, joint, r, 0.15)).collect();
+    let gain = curves.iter().map(|c| c.score.gain).sum();
+    let numbers = curves.iter().map(|c| c.knots.len()).sum();
+    let best = curves.into_iter().max_by(|a, b| a.score.gain.total_cmp(&b.score.gain))?;
+    Some(Pattern { joint, over: "time".into(), gain, numbers, interval: None, curve: Some(best) })
+}
+
+fn law(found: &Hypothesis, curve: &Curve) -> Law {
+    let name = found.rig.mechanism.coordinates()[curve.joint];
+    let (x_label, what) = match curve.over {
+        Over::Angle => (format!("{name} (rad or m)"), "position"),
+        Over::Rate => (format!("rate of {name} (rad/s or m/s)"), "rate"),
+        Over::Time => ("time (s)".to_owned(), "time"),
+    };
+    let (y, s) = (&curve.score.amplitudes, &curve.score.deviations);
+    Law {
+        title: format!("Force at {name} that the model lacks, over {what}"),
+        x_label,
+        y_label: "torque or force (Nm or N)".into(),
+        x: curve.knots.clone(),
+        y: y.clone(),
+        low: y.iter().zip(s).map(|(a, b)| a - 1.96 * b).collect(),
+        high: y.iter().zip(s).map(|(a, b)| a + 1.96 * b).collect(),
+    }
+}
+
+fn located(found: &Hypothesis, p: &Pattern) -> Vec<Place> {
+    let Some((recording, from_s, to_s)) = p.interval else { return Vec::new() };
+    let sensor = found.rig.sensors.iter().find(|s| s.joint == p.joint).or_else(|| found.rig.sensors.first());
+    let Some(sensor) = sensor else { return Vec::new() };
+    vec![Place {
+        recording: found.problem.recordings[recording].name.clone(),
+        channel: sensor.column.clone(),
+        from_s,
+        to_s,
+        share: share(found, p),
+        phase: None,
+        region: None,
+        band_hz: None,
+    }]
+}
