@@ -214,7 +214,7 @@ mod tests {
         let runs = Pushed(mass());
         let at = Point { parameters: vec![], states: vec![vec![0.0, 0.0]] };
         let screen = Screen::new(&runs, &at, &[Colour::white(0.1)]).unwrap();
-        let hit = push(&screen, &[runs.0.clone()], 0).unwrap();
+        let hit = push(&screen, std::slice::from_ref(&runs.0), 0).unwrap();
         assert_eq!(hit.at, (0, 40));
         assert!((hit.score.amplitudes[0] - 0.02).abs() < 1e-4, "{:?}", hit.score);
     }
@@ -224,7 +224,7 @@ mod tests {
         let runs = Pushed(mass());
         let at = Point { parameters: vec![], states: vec![vec![0.0, 0.0]] };
         let screen = Screen::new(&runs, &at, &[Colour::white(0.001)]).unwrap();
-        let curve = time_curve(&screen, &[runs.0.clone()], 0, 0, 0.05).unwrap();
+        let curve = time_curve(&screen, std::slice::from_ref(&runs.0), 0, 0, 0.05).unwrap();
         let peak = (0..curve.knots.len())
             .max_by(|a, b| curve.score.amplitudes[*a].abs().total_cmp(&curve.score.amplitudes[*b].abs()));
         assert!((curve.knots[peak.unwrap()] - 0.4).abs() < 0.06, "{curve:?}");
