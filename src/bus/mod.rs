@@ -7,6 +7,7 @@
 //! | [`cia402`] | the drive profile's state machine, both ends of it |
 //! | [`budget`] | who may use the bus when, and whether it all fits |
 //! | [`line`] | the master of one bus |
+//! | [`socketcan`] | the real wire |
 //! | [`loopback`] | a bus in memory; the simulated robot sits on it |
 //! | [`faulty`] | loses, doubles, delays, flips frames of any bus |
 //!
@@ -34,6 +35,7 @@ mod link;
 pub mod loopback;
 pub mod pdo;
 pub mod sdo;
+pub mod socketcan;
 
 #[cfg(test)]
 mod laws;
@@ -69,6 +71,10 @@ pub trait Receive {
     fn health(&self) -> BusHealth;
     /// A descriptor that polls readable when a frame may be there.
     fn readable_fd(&self) -> RawFd;
+    /// Frames that were lost before they could be received.
+    fn lost(&self) -> u32 {
+        0
+    }
 }
 
 /// A whole bus. `receive` and `send` come from its halves, so that a socket can be split between threads.

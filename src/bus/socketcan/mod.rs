@@ -1,0 +1,365 @@
+//! A SocketCAN interface. RT: sending and receiving yes, they never wait; opening before arming only.
+//!
+//! One socket, shared by its halves. It hears its own frames (RECV_OWN_MSGS), so that every frame that left is proved
+//! by its echo; it hears error frames; the kernel stamps what comes and tells what it dropped. How the bus is follows
+//! from the error frames and from the age of the oldest frame without echo.
+//!
+//! A thread of its own, not real-time, looks after a bus that is dead ([`keeper`]): only taking the link down and up
+//! empties the kernel's queue of old commands. A USB adapter may keep frames through that; then only its power helps.
+//!
+//! Wants hardware or vcan: the laws run when `COMPASS_CAN` names an interface.
+#![expect(unsafe_code, reason = "recvmsg with control messages has no safe wrapper that neither waits nor allocates")]
+
+mod keeper;
+pub mod link_report;
+
+use super::link;
+use super::{Receive, SendError, Transmit};
+use crate::base::time::{Span, Stamp};
+use crate::msg::{BusFrame, BusHealth, CanFrame};
+use socketcan::{CanSocket, Socket, SocketOptions};
+use std::io::{Error, ErrorKind};
+use std::os::fd::{AsRawFd, RawFd};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64, Ordering};
+
+/// Error frame classes (linux/can/error.h).
+const ERROR_CONTROLLER: u32 = 0x004;
+const ERROR_BUS_OFF: u32 = 0x040;
+const ERROR_RESTARTED: u32 = 0x100;
+/// Controller states in data byte 1 of such a frame: warning or passive, receive or transmit; active again.
+const STATE_TROUBLED: u8 = 0x3C;
+const STATE_ACTIVE: u8 = 0x40;
+
+/// Whose end of the wire a socket is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// The controller's: hears its own echoes.
+    Controller,
+    /// The simulated robot's: does not.
+    Robot,
+}
+
+/// What the halves and the keeper know together.
+#[derive(Debug)]
+struct Shared {
+    socket: CanSocket,
+    end: End,
+    echo_timeout: Span,
+    /// [`BusHealth`] by the error frames.
+    state: AtomicU8,
+    sent: AtomicU64,
+    echoed: AtomicU64,
+    /// Since when the oldest frame without echo waits, ns.
+    waiting_since: AtomicI64,
+    lost: AtomicU32,
+}
+
+/// Sending half.
+#[derive(Clone, Debug)]
+pub struct CanTx {
+    shared: Arc<Shared>,
+}
+
+/// Receiving half.
+#[derive(Debug)]
+pub struct CanRx {
+    shared: Arc<Shared>,
+    kernel_drops: u32,
+}
+
+/// A SocketCAN interface.
+#[derive(Debug)]
+pub struct SocketCan {
+    tx: CanTx,
+    rx: CanRx,
+}
+
+impl SocketCan {
+    /// Opens an interface. `echo_timeout`: no echo for so long while frames are out means stalled.
+    ///
+    /// # Errors
+    /// No such interface, or no permission.
+    pub fn open(name: &str, end: End, echo_timeout: Span) -> std::io::Result<Self> {
+        let socket = CanSocket::open(name)?;
+        socket.set_nonblocking(true)?;
+        socket.set_recv_own_msgs(end == End::Controller)?;
+        socket.set_error_filter_accept_all()?;
+        socket.set_recv_timestamp(true)?;
+        socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)?;
+        let shared = Arc::new(Shared {
+            socket,
+            end,
+            echo_timeout,
+            state: AtomicU8::new(BusHealth::Active as u8),
+            sent: AtomicU64::new(0),
+            echoed: AtomicU64::new(0),
+            waiting_since: AtomicI64::new(0),
+            lost: AtomicU32::new(0),
+        });
+        if end == End::Controller {
+            keeper::start(name, &shared)?;
+        }
+        Ok(Self { tx: CanTx { shared: Arc::clone(&shared) }, rx: CanRx { shared, kernel_drops: 0 } })
+    }
+
+    /// Its halves; the sending one can be cloned.
+    #[must_use]
+    pub fn split(self) -> (CanTx, CanRx) {
+        (self.tx, self.rx)
+    }
+}
+
+impl Shared {
+    fn set_state(&self, state: BusHealth) {
+        self.state.store(state as u8, Ordering::Relaxed);
+    }
+
+    fn health(&self) -> BusHealth {
+        let state = BusHealth::from_u8(self.state.load(Ordering::Relaxed)).unwrap_or(BusHealth::Down);
+        match state {
+            BusHealth::Active | BusHealth::Passive if self.is_stalled() => BusHealth::Stalled,
+            other => other,
+        }
+    }
+
+    fn is_stalled(&self) -> bool {
+        let waits =
+            self.end == End::Controller && self.echoed.load(Ordering::Acquire) < self.sent.load(Ordering::Acquire);
+        waits && link::monotonic_now().0 - self.waiting_since.load(Ordering::Relaxed) > self.echo_timeout.0
+    }
+
+    /// Frames that are out will not be echoed: the queue was emptied, or the echoes were dropped.
+    fn forget_frames_out(&self) {
+        self.echoed.store(self.sent.load(Ordering::Acquire), Ordering::Release);
+    }
+
+    fn note_sent(&self) {
+        if self.echoed.load(Ordering::Acquire) >= self.sent.load(Ordering::Acquire) {
+            self.waiting_since.store(link::monotonic_now().0, Ordering::Relaxed);
+        }
+        self.sent.fetch_add(1, Ordering::AcqRel);
+    }
+
+    fn note_echo(&self) {
+        self.waiting_since.store(link::monotonic_now().0, Ordering::Relaxed);
+        self.echoed.fetch_add(1, Ordering::AcqRel);
+    }
+
+    fn note_error_frame(&self, frame: &CanFrame) {
+        let controller = if frame.id & ERROR_CONTROLLER != 0 { frame.data[1] } else { 0 };
+        if frame.id & ERROR_BUS_OFF != 0 {
+            self.set_state(BusHealth::Off);
+        } else if frame.id & ERROR_RESTARTED != 0 || controller & STATE_ACTIVE != 0 {
+            self.set_state(BusHealth::Active);
+        } else if controller & STATE_TROUBLED != 0 {
+            self.set_state(BusHealth::Passive);
+        }
+    }
+}
+
+impl Transmit for CanTx {
+    fn send(&mut self, frame: &CanFrame) -> Result<(), SendError> {
+        // Counted before, because the echo may be read before `write` returns.
+        self.shared.note_sent();
+        let raw = RawFrame { id: frame.id, len: frame.len.min(8), padding: [0; 3], data: frame.data };
+        // SAFETY: 16 readable bytes with the layout of can_frame; the descriptor is open as long as `shared` lives.
+        let written =
+            unsafe { libc::write(self.shared.socket.as_raw_fd(), (&raw const raw).cast(), size_of_val(&raw)) };
+        if usize::try_from(written) == Ok(size_of_val(&raw)) {
+            return Ok(());
+        }
+        self.shared.sent.fetch_sub(1, Ordering::AcqRel);
+        match Error::last_os_error().raw_os_error() {
+            Some(libc::ENOBUFS | libc::EAGAIN | libc::EINTR) => Err(SendError::Full),
+            _ => {
+                self.shared.set_state(BusHealth::Down);
+                Err(SendError::Down)
+            }
+        }
+    }
+}
+
+impl Receive for CanRx {
+    fn receive(&mut self) -> Option<BusFrame> {
+        let received = receive_message(self.shared.socket.as_raw_fd());
+        let Received { raw, own, stamp, drops } = match received {
+            Ok(received) => received,
+            Err(error) => {
+                if !matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) {
+                    self.shared.set_state(BusHealth::Down);
+                }
+                return None;
+            }
+        };
+        if drops != self.kernel_drops {
+            self.shared.lost.fetch_add(drops.wrapping_sub(self.kernel_drops), Ordering::Relaxed);
+            self.kernel_drops = drops;
+            self.shared.forget_frames_out();
+        } else if own {
+            self.shared.note_echo();
+        }
+        let frame = CanFrame { id: raw.id, len: raw.len.min(8), data: raw.data };
+        if frame.is_error() {
+            self.shared.note_error_frame(&frame);
+        }
+        Some(BusFrame { stamp, frame })
+    }
+
+    fn health(&self) -> BusHealth {
+        self.shared.health()
+    }
+
+    fn readable_fd(&self) -> RawFd {
+        self.shared.socket.as_raw_fd()
+    }
+
+    fn lost(&self) -> u32 {
+        self.shared.lost.load(Ordering::Relaxed)
+    }
+}
+
+impl Transmit for SocketCan {
+    fn send(&mut self, frame: &CanFrame) -> Result<(), SendError> {
+        self.tx.send(frame)
+    }
+}
+
+impl Receive for SocketCan {
+    fn receive(&mut self) -> Option<BusFrame> {
+        self.rx.receive()
+    }
+    fn health(&self) -> BusHealth {
+        self.rx.health()
+    }
+    fn readable_fd(&self) -> RawFd {
+        self.rx.readable_fd()
+    }
+    fn lost(&self) -> u32 {
+        self.rx.lost()
+    }
+}
+
+/// `struct can_frame`.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C, align(8))]
+struct RawFrame {
+    id: u32,
+    len: u8,
+    padding: [u8; 3],
+    data: [u8; 8],
+}
+
+const _: () = assert!(size_of::<RawFrame>() == 16);
+
+/// A frame with what the kernel says about it.
+struct Received {
+    raw: RawFrame,
+    own: bool,
+    stamp: Stamp,
+    /// Frames that the kernel has dropped on this socket since it was opened.
+    drops: u32,
+}
+
+/// Room for a time stamp and a drop counter.
+#[repr(C, align(8))]
+struct Control([u8; 128]);
+
+fn receive_message(fd: RawFd) -> std::io::Result<Received> {
+    let mut raw = RawFrame::default();
+    let mut control = Control([0; 128]);
+    let mut part = libc::iovec { iov_base: (&raw mut raw).cast(), iov_len: size_of::<RawFrame>() };
+    // SAFETY: all-zero is a valid msghdr: null pointers with zero lengths.
+    let mut message: libc::msghdr = unsafe { std::mem::zeroed() };
+    message.msg_iov = &raw mut part;
+    message.msg_iovlen = 1;
+    message.msg_control = control.0.as_mut_ptr().cast();
+    message.msg_controllen = control.0.len();
+    // SAFETY: every pointer of the message is to a live local of the length given.
+    let count = unsafe { libc::recvmsg(fd, &raw mut message, libc::MSG_DONTWAIT) };
+    if count < 0 {
+        return Err(Error::last_os_error());
+    }
+    if usize::try_from(count) != Ok(size_of::<RawFrame>()) {
+        return Err(ErrorKind::UnexpectedEof.into());
+    }
+    let (wall_ns, drops) = read_control(&message);
+    // The kernel stamps with wall time; the difference of the clocks now is the difference then, but for a clock step.
+    let (now, wall_now) = (link::monotonic_now(), link::clock_ns(libc::CLOCK_REALTIME));
+    let stamp = wall_ns.map_or(now, |at| now - Span((wall_now - at).max(0)));
+    Ok(Received { raw, own: message.msg_flags & libc::MSG_CONFIRM != 0, stamp, drops: drops.unwrap_or(0) })
+}
+
+/// Wall time of reception, ns, and drop counter, if told.
+fn read_control(message: &libc::msghdr) -> (Option<i64>, Option<u32>) {
+    let (mut wall_ns, mut drops) = (None, None);
+    // SAFETY: `message` was filled by recvmsg; the macros walk within msg_controllen, and each payload is read
+    // unaligned with the type that its level and type say.
+    unsafe {
+        let mut header = libc::CMSG_FIRSTHDR(message);
+        while let Some(h) = header.as_ref() {
+            match (h.cmsg_level, h.cmsg_type) {
+                (libc::SOL_SOCKET, libc::SCM_TIMESTAMPNS) => {
+                    let time: libc::timespec = std::ptr::read_unaligned(libc::CMSG_DATA(h).cast());
+                    wall_ns = Some(time.tv_sec * 1_000_000_000 + time.tv_nsec);
+                }
+                (libc::SOL_SOCKET, libc::SO_RXQ_OVFL) => {
+                    drops = Some(std::ptr::read_unaligned(libc::CMSG_DATA(h).cast()));
+                }
+                _ => {}
+            }
+            header = libc::CMSG_NXTHDR(message, h);
+        }
+    }
+    (wall_ns, drops)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::laws;
+
+    /// The interface to test with, or a word about what is missing.
+    fn interface() -> Option<String> {
+        let name = std::env::var("COMPASS_CAN").ok();
+        if name.is_none() {
+            eprintln!(
+                "SKIPPED: COMPASS_CAN names no CAN interface (vcan, or a bus with a second node that acknowledges)"
+            );
+        }
+        name
+    }
+
+    fn open(name: &str) -> SocketCan {
+        SocketCan::open(name, End::Controller, Span::from_ms(20)).unwrap()
+    }
+
+    #[test]
+    fn socketcan_keeps_the_laws_of_a_bus() {
+        let Some(name) = interface() else { return };
+        laws::bus_laws(|| (open(&name), open(&name)));
+    }
+
+    #[test]
+    fn a_bus_off_frame_makes_the_bus_off_and_the_keeper_brings_it_back() {
+        let Some(name) = interface() else { return };
+        let (mut a, mut b) = (open(&name), open(&name));
+        let error = CanFrame { id: CanFrame::ERROR | ERROR_BUS_OFF, len: 8, data: [0; 8] };
+        a.send(&error).unwrap();
+        let start = link::monotonic_now();
+        let within = |ms| link::monotonic_now().since(start) < Span::from_ms(ms);
+        while within(500) && b.health() != BusHealth::Off {
+            b.receive();
+        }
+        assert_eq!(b.health(), BusHealth::Off);
+        while within(3000) && b.health() != BusHealth::Active {
+            b.receive();
+        }
+        assert_eq!(b.health(), BusHealth::Active);
+    }
+
+    #[test]
+    fn an_interface_that_is_not_there_is_an_error() {
+        assert!(SocketCan::open("nosuchcan0", End::Controller, Span::from_ms(20)).is_err());
+    }
+}
