@@ -14,6 +14,7 @@ mod outcome;
 pub mod progress;
 mod replay;
 mod score;
+mod sim;
 mod trial;
 
 use clap::{Parser, Subcommand};
@@ -45,6 +46,7 @@ enum Command {
     CheckConfig(check_config::Args),
     Inspect(inspect::Args),
     Replay(replay::Args),
+    Sim(sim::Args),
 }
 
 impl Run for Command {
@@ -57,6 +59,7 @@ impl Run for Command {
             Self::CheckConfig(args) => args.run(),
             Self::Inspect(args) => args.run(),
             Self::Replay(args) => args.run(),
+            Self::Sim(args) => args.run(),
         }
     }
 }

@@ -114,6 +114,12 @@ impl Recorder {
         }
     }
 
+    /// True while at least one more tick fits into the queue: for a loop that may wait, such as a simulation.
+    #[must_use]
+    pub fn has_room(&self) -> bool {
+        !self.shared.queue.is_full()
+    }
+
     /// How it is, at most a few milliseconds old.
     #[must_use]
     pub fn status(&self) -> RecorderStatus {

@@ -4,9 +4,11 @@
 
 pub mod drive;
 pub mod imu;
+pub mod lockstep;
 pub mod noise;
 mod objects;
 pub mod plant;
+pub mod scenario;
 pub mod wire;
 pub mod world;
 

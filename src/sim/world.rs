@@ -228,3 +228,9 @@ impl World for BlocksWorld {
         }
     }
 }
+
+/// The world of a configuration.
+#[must_use]
+pub fn build(config: &Config) -> Box<dyn World> {
+    Box::new(BlocksWorld::new(config))
+}

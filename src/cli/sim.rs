@@ -1,0 +1,139 @@
+//! `compass sim`: the real tick and the simulated robot in lockstep, as fast as the machine goes. RT: no.
+
+use super::config_args::ConfigArgs;
+use super::progress;
+use super::{Outcome, Run};
+use crate::base::time::Span;
+use crate::config::Resolved;
+use crate::msg::TickRecord;
+use crate::record::Recorder;
+use crate::sim::lockstep::Lockstep;
+use crate::sim::scenario::{self, Summary};
+use anyhow::Context;
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// The figures at the end look at so much of the run.
+const TAIL: Span = Span::from_ms(10_000);
+/// Ticks between two looks at the progress bar.
+const BAR_TICKS: u64 = 1000;
+/// So long we wait for a recorder that is behind before we look again.
+const RECORDER_PAUSE: Duration = Duration::from_millis(2);
+
+/// Simulates robot and controller in lockstep: the same tick as on the robot, a simulated clock, the same bits each time.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  compass sim                        10 s of balance from 2 degrees of tilt
+  compass sim --for 600              ten minutes, in a few seconds
+  compass sim --for 30 --record recordings/
+  compass sim --set control.observer_epsilon_s=0.02 --set control.lqr_r=0.01    thesis 4.4: it rings at 10 Hz
+  compass sim --set control.stance=outer --set sim.stance=outer --seed 7
+
+Exit codes: 0 stands at the end, 1 fell or faulted, 2 usage or configuration.")]
+pub(crate) struct Args {
+    #[command(flatten)]
+    config: ConfigArgs,
+    /// Simulated time, such as 10, 30s or 10min
+    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = parse_seconds)]
+    length_s: f64,
+    /// Seed of all noise, instead of the configured one
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Records every tick into this folder
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
+}
+
+impl Run for Args {
+    fn run(mut self) -> anyhow::Result<Outcome> {
+        if let Some(seed) = self.seed {
+            self.config.overrides.push(format!("sim.seed={seed}"));
+        }
+        let resolved = self.config.load()?;
+        let mut lockstep = Lockstep::new(&resolved.config)?;
+        let recorder = self.start_recorder(&resolved)?;
+        let length = Span::from_s(self.length_s);
+        let bar =
+            progress::bar(u64::try_from(length.0 / resolved.config.real_time.period.0).unwrap_or(0), "simulating");
+        let start = Instant::now();
+        let summary = scenario::run(&mut lockstep, length, TAIL, |record, _| {
+            if let Some(recorder) = &recorder {
+                push(recorder, record);
+            }
+            if record.input.index % BAR_TICKS == 0 {
+                bar.set_position(record.input.index);
+            }
+        });
+        let took = start.elapsed();
+        bar.finish_and_clear();
+        print(&summary, self.length_s, took, lockstep.digest())?;
+        if let Some(recorder) = recorder {
+            let path = recorder.path();
+            let status = recorder.finish();
+            writeln!(io::stdout(), "recorded   {} ({} ticks lost)", path.display(), status.dropped)?;
+        }
+        Ok(if summary.stands() { Outcome::Fine } else { Outcome::Finding })
+    }
+}
+
+impl Args {
+    fn start_recorder(&self, resolved: &Resolved) -> anyhow::Result<Option<Recorder>> {
+        let start = |folder: &PathBuf| Recorder::start(folder, resolved).context("recording");
+        self.record.as_ref().map(start).transpose()
+    }
+}
+
+/// The simulation is faster than a disk; here, unlike on the robot, the loop may wait for it.
+fn push(recorder: &Recorder, record: &TickRecord) {
+    while !recorder.has_room() {
+        std::thread::sleep(RECORDER_PAUSE);
+    }
+    recorder.push(record);
+}
+
+fn print(s: &Summary, length_s: f64, took: Duration, digest: u64) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    let took_s = took.as_secs_f64();
+    let verdict = if s.stands() { "stands" } else { "does not stand" };
+    writeln!(out, "result     {verdict}, mode {}, first fault {}", s.mode.name(), s.first_fault.code.name())?;
+    writeln!(out, "simulated  {length_s} s in {took_s:.2} s: {:.0} times real time", length_s / took_s)?;
+    writeln!(out, "ticks      {}, armed {}", s.ticks, s.armed_ticks)?;
+    let [stance, swing] = s.angle_rad.map(|a| a.size().to_degrees());
+    writeln!(out, "largest    stance {stance:.2} deg, swing {swing:.2} deg")?;
+    let [stance, swing] = s.tail_angle_rad.map(|a| a.width().to_degrees());
+    let torque = s.tail_torque_nm.width();
+    writeln!(out, "last 10 s  peak to peak: stance {stance:.3} deg, swing {swing:.2} deg, torque {torque:.1} Nm")?;
+    let (bias, error) = (s.attitude_bias_rad.to_degrees(), s.tail_error_rad.size().to_degrees());
+    writeln!(out, "attitude   bias learnt {bias:.3} deg, stance angle wrong by {error:.3} deg at most")?;
+    writeln!(out, "digest     {digest:016x}")
+}
+
+/// Seconds, with or without a unit.
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    let (number, factor) = match text {
+        _ if text.ends_with("min") => (text.trim_end_matches("min"), 60.0),
+        _ if text.ends_with('s') => (text.trim_end_matches('s'), 1.0),
+        _ => (text, 1.0),
+    };
+    match number.trim().parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value * factor),
+        _ => Err("must be a time above 0, such as 10, 30s or 10min".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_understood_with_and_without_unit() {
+        for (text, seconds) in [("10", 10.0), ("30s", 30.0), ("1.5 s", 1.5), ("10min", 600.0)] {
+            assert!((parse_seconds(text).unwrap() - seconds).abs() < 1e-12);
+        }
+        for text in ["", "0", "-3", "soon", "inf"] {
+            assert!(parse_seconds(text).is_err(), "{text}");
+        }
+    }
+}

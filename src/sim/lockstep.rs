@@ -1,0 +1,128 @@
+//! The real tick and the simulated robot in step: the clock is a number, nobody waits, every byte goes over the wires.
+//!
+//! Deterministic to the bit: same configuration, same hash of all that the rooms said. RT: no (but the tick inside is
+//! the one of the robot).
+
+use super::plant::Plant;
+use super::world;
+use crate::base::time::{Span, Stamp};
+use crate::config::checked::Config;
+use crate::msg::{BUSES, BusHealth, Element, FrameBatch, TickInput, TickRecord, Value};
+use crate::rt::tick::{Tick, TickError};
+use crate::sensor::imu::ImuReader;
+use crate::sensor::operator::SimulatedHand;
+
+/// A robot and its controller, stepped together.
+pub struct Lockstep {
+    tick: Tick,
+    plant: Plant,
+    imu: ImuReader,
+    hand: SimulatedHand,
+    input: TickInput,
+    record: Box<TickRecord>,
+    bytes: Vec<u8>,
+    period: Span,
+    digest: u64,
+}
+
+impl Lockstep {
+    /// Both switched on at time zero. The operator is the simulated one, whatever the configuration names.
+    ///
+    /// # Errors
+    /// [`TickError`] when a room cannot be furnished as configured.
+    pub fn new(config: &Config) -> Result<Self, TickError> {
+        let sim = &config.simulation;
+        Ok(Self {
+            tick: Tick::new(config)?,
+            plant: Plant::with_world(config, world::build(config)),
+            imu: ImuReader::new(&config.robot.imu),
+            hand: SimulatedHand::new(sim.operator_press_s, sim.operator_release_s),
+            input: TickInput { bus_health: [BusHealth::Active; BUSES], ..TickInput::default() },
+            record: Box::default(),
+            bytes: Vec::new(),
+            period: config.real_time.period,
+            digest: FNV_OFFSET,
+        })
+    }
+
+    /// Time of the tick to come.
+    #[must_use]
+    pub const fn now(&self) -> Stamp {
+        self.input.now
+    }
+
+    /// The robot, to look at or to disturb.
+    pub const fn plant(&mut self) -> &mut Plant {
+        &mut self.plant
+    }
+
+    /// Hash of what the rooms have said so far.
+    #[must_use]
+    pub const fn digest(&self) -> u64 {
+        self.digest
+    }
+
+    /// One period: the robot moves up to the tick's time, the tick runs, its frames go out.
+    pub fn step(&mut self) -> &TickRecord {
+        self.plant.advance_to(self.input.now);
+        self.collect();
+        self.tick.step(&self.input, &mut self.record);
+        for (bus, frames) in self.record.output.send.iter().enumerate() {
+            for frame in frames.as_slice() {
+                // A full queue before the wire shows as a stalled bus, as on the robot.
+                let _accepted = self.plant.deliver(bus, &frame.frame);
+            }
+        }
+        self.digest = digest(self.digest, &self.record);
+        self.input.index += 1;
+        self.input.now += self.period;
+        &self.record
+    }
+
+    /// What has arrived since the last tick.
+    fn collect(&mut self) {
+        let (now, input) = (self.input.now, &mut self.input);
+        for (bus, batch) in input.received.iter_mut().enumerate() {
+            *batch = FrameBatch { dropped: batch.dropped, ..FrameBatch::default() };
+            self.plant.take_frames(bus, batch);
+        }
+        input.imu.count = 0;
+        self.bytes.clear();
+        self.plant.take_imu_bytes(&mut self.bytes);
+        self.imu.receive(now, &self.bytes, &mut input.imu);
+        if let Some(request) = self.imu.transmit(now) {
+            self.plant.deliver_imu_bytes(request.as_slice());
+        }
+        input.operator = self.hand.poll(now, self.record.status.mode);
+    }
+}
+
+const FNV_OFFSET: u64 = 0xCBF2_9CE4_8422_2325;
+const FNV_PRIME: u64 = 0x0000_0100_0000_01B3;
+
+/// FNV-1a over the words of what the rooms said. The frames are left out: what they carry is in the drives' commands.
+fn digest(seed: u64, record: &TickRecord) -> u64 {
+    let mut hash = seed;
+    let mut sink = |value: Value| hash = (hash ^ word(value)).wrapping_mul(FNV_PRIME);
+    record.feedback.put(&mut sink);
+    record.snapshot.put(&mut sink);
+    record.estimate.put(&mut sink);
+    record.allowed.put(&mut sink);
+    record.drives.put(&mut sink);
+    record.status.put(&mut sink);
+    hash
+}
+
+const fn word(value: Value) -> u64 {
+    match value {
+        Value::Bool(v) => v as u64,
+        Value::U8(v) => v as u64,
+        Value::U16(v) => v as u64,
+        Value::U32(v) => v as u64,
+        Value::U64(v) => v,
+        Value::I16(v) => v.cast_unsigned() as u64,
+        Value::I32(v) => v.cast_unsigned() as u64,
+        Value::I64(v) => v.cast_unsigned(),
+        Value::F64(v) => v.to_bits(),
+    }
+}
