@@ -1,6 +1,6 @@
 //! Makes cases with hidden physics, for trials. Shares no formula with `model` or `identify`.
 //!
-//! - [`chain`]: bodies on arms, projected; [`machine`]: LuGre friction, drives with springs and play, 10 or 20 kHz
+//! - [`chain`]: bodies on arms, projected; [`machine`]: dry friction by time-stepping, LuGre pre-sliding, drives with springs and play, 10 or 20 kHz
 //! - [`rig`]: drawn machines; [`program`]: excitations; [`experiment`]: recordings; [`dice`]: seeded draws and noise
 //! - [`effect`]: what is hidden; [`refit`]: how visible it remains; [`case`]: five levels of concealment
 //! - [`files`]: the case and its truth on disk

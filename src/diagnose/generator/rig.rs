@@ -214,7 +214,6 @@ impl Rig {
                 gain: *gain,
                 viscous: self.value(&format!("viscous@{name}")),
                 coulomb: self.value(&format!("coulomb@{name}")),
-                give: if self.kind == Kind::Slider { 2e-6 } else { 1e-5 },
                 ..Joint::default()
             });
         }
