@@ -24,6 +24,8 @@
 mod initial;
 mod pooled;
 mod run;
+#[cfg(test)]
+mod tests;
 
 use super::experiment::Recording;
 use super::theta::Theta;

@@ -33,8 +33,10 @@ use super::effect::friction::{Axis, Grip};
 use super::effect::sensing::Pickup;
 use super::mechanism::{Body, Mechanism, Row};
 use crate::base::scalar::Scalar;
+use contact::{Feet, Ground};
 use std::collections::VecDeque;
 
+pub use contact::Contact;
 pub use motion::{Phase, Work};
 pub use start::Inner;
 
@@ -100,6 +102,8 @@ pub struct Machine<S> {
     pickups: Vec<Pickup<S>>,
     pushes: Vec<Push<S>>,
     walks: bool,
+    ground: Ground<S>,
+    feet: Feet<S>,
     now: S,
     y: Phase<S>,
     end: Phase<S>,

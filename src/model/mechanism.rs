@@ -321,6 +321,11 @@ impl<S: Scalar> Legs<S> {
     pub const fn moment(&self) -> S {
         self.moment
     }
+    /// Gravity, m/s².
+    #[must_use]
+    pub const fn gravity(&self) -> S {
+        self.gravity
+    }
     /// Angle of the ground.
     #[must_use]
     pub const fn slope(&self) -> S {

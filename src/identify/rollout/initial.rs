@@ -12,6 +12,14 @@ use nalgebra::{DMatrix, DVector};
 const GUESS_ROWS: usize = 12;
 /// Limit of the Levenberg-Marquardt iterations; 4 to 8 are usual.
 const MOST_ITERATIONS: usize = 40;
+/// Rounds of probing.
+const MOST_PROBES: usize = 4;
+/// Probes, in parts of the number (or of [`SMALL`] if it is smaller).
+const PROBES: [f64; 6] = [-1.0, -0.3, -0.05, 0.05, 0.3, 1.0];
+/// rad or rad/s.
+const SMALL: f64 = 0.02;
+/// A probe must save this part of the cost.
+const WORTHWHILE: f64 = 0.01;
 /// Relative gain below which the fit has arrived.
 const ARRIVED: f64 = 1e-10;
 /// Damping at the start, growth and decay.
@@ -45,8 +53,10 @@ impl Rollout<'_> {
         let times = &self.recording.times;
         let (mut angle, mut rate) = (Normal::new(n), Normal::new(n));
         for channel in 0..self.setting.sensors.len() {
-            let samples = rows.clone().map(|r| (times[r] - times[rows.start], self.recording.measured[channel][r]));
-            let samples: Vec<(f64, f64)> = samples.filter(|(_, y)| !y.is_nan()).take(GUESS_ROWS).collect();
+            // Only the first rows: a leg that is measured later in the window says nothing about its start.
+            let first = rows.clone().take(GUESS_ROWS);
+            let samples = first.map(|r| (times[r] - times[rows.start], self.recording.measured[channel][r]));
+            let samples: Vec<(f64, f64)> = samples.filter(|(_, y)| !y.is_nan()).collect();
             let Some((y0, slope)) = line(&samples) else { continue };
             let row = machine.sensor_row(channel, n);
             if self.setting.sensors[channel].is_rate {
@@ -62,9 +72,45 @@ impl Rollout<'_> {
     /// The initial state that fits the window best, each channel multiplied by its weight (1 / pooled deviation; 0 for a
     /// channel that is only noise).
     ///
+    /// Sticking and impacts make plateaus where derivatives say nothing: from each minimum, probes along every number
+    /// look for a lower valley.
+    ///
     /// # Errors
     /// The simulation diverged from the start.
     pub fn fit_initial(&self, window: usize, weights: &[f64], start: &[f64]) -> Result<Vec<f64>, RolloutError> {
+        let mut best = self.descend(window, weights, start)?;
+        for _ in 0..MOST_PROBES {
+            let Some(probe) = self.probe(window, weights, &best) else { break };
+            let next = self.descend(window, weights, &probe)?;
+            if next.1 >= best.1 {
+                break;
+            }
+            best = next;
+        }
+        Ok(best.0)
+    }
+
+    /// Best of the points beside `best` that costs clearly less.
+    fn probe(&self, window: usize, weights: &[f64], best: &(Vec<f64>, f64)) -> Option<Vec<f64>> {
+        let mut readings = Readings::default();
+        let (mut found, mut least) = (None, best.1 * (1.0 - WORTHWHILE));
+        for i in 0..best.0.len() {
+            for reach in PROBES {
+                let mut x = best.0.clone();
+                x[i] += reach * x[i].abs().max(SMALL);
+                if self.simulate(window, &x, &mut readings).is_ok() {
+                    let cost = self.cost_of(window, weights, &readings);
+                    if cost < least {
+                        (found, least) = (Some(x), cost);
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// Levenberg-Marquardt from `start`: the state and its cost.
+    fn descend(&self, window: usize, weights: &[f64], start: &[f64]) -> Result<(Vec<f64>, f64), RolloutError> {
         let theta = Theta { entries: Vec::new(), values: Vec::new() };
         let (mut x, mut damping) = (DVector::from_column_slice(start), DAMPING);
         let mut lin = Linearised::default();
@@ -95,7 +141,7 @@ impl Rollout<'_> {
             }
             self.linearise(&theta, window, x.as_slice(), &mut lin)?;
         }
-        Ok(x.as_slice().to_vec())
+        Ok((x.as_slice().to_vec(), cost))
     }
 
     fn cost_of(&self, window: usize, weights: &[f64], readings: &Readings) -> f64 {

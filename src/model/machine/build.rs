@@ -1,5 +1,6 @@
 //! Builds a machine from a setting. RT: before arming only.
 
+use super::contact::{Feet, Ground};
 use super::start::Bristled;
 use super::{MAX_BRISTLES, Machine, MachineError, Phase, Play, Push, Work};
 use crate::base::scalar::Scalar;
@@ -22,9 +23,6 @@ impl<S: Scalar> Machine<S> {
     /// # Errors
     /// The setting asks for something that is not modelled.
     pub fn new(setting: &Setting, lift: &dyn Fn(&Number) -> S, refine: u32) -> Result<Self, MachineError> {
-        if setting.mechanism == MechanismKind::CompassGait && setting.setup.is_none_or(|s| s == Setup::Walk) {
-            return Err(MachineError::Unsupported("walking does not run yet".to_owned()));
-        }
         let body = body(setting, lift)?;
         let n_body = body.dof();
         let mut machine = Self {
@@ -44,6 +42,8 @@ impl<S: Scalar> Machine<S> {
             y: Phase::default(),
             end: Phase::default(),
             work: Work::default(),
+            ground: ground(setting, lift),
+            feet: Feet::default(),
             lagged: vec![S::zero(); setting.sensors.len()],
             before: vec![S::zero(); setting.sensors.len()],
             history: VecDeque::new(),
@@ -52,6 +52,7 @@ impl<S: Scalar> Machine<S> {
             refine: refine.max(1),
             body,
         };
+        machine.check_ground()?;
         machine.add_rotors_of(setting, lift);
         machine.add_structures(setting, lift);
         if machine.n > MAX {
@@ -221,5 +222,15 @@ fn body<S: Scalar>(setting: &Setting, lift: Lift<'_, S>) -> Result<Body<S>, Mach
 fn legs<S: Scalar>(setting: &Setting, lift: Lift<'_, S>, p: &[S]) -> Option<Legs<S>> {
     let ground = |kind| setting.first(kind, Site::Ground).map_or(S::zero(), |x| lift(&x[0]));
     let setup = setting.setup.unwrap_or(Setup::Walk);
-    Legs::new(p, setup, false, ground(EffectKind::Counterweight), ground(EffectKind::GroundSlope))
+    Legs::new(p, setup, setup == Setup::Walk, ground(EffectKind::Counterweight), ground(EffectKind::GroundSlope))
+}
+
+fn ground<S: Scalar>(setting: &Setting, lift: Lift<'_, S>) -> Ground<S> {
+    let first = |kind| setting.first(kind, Site::Ground);
+    Ground {
+        friction: first(EffectKind::FootSlip).map(|x| lift(&x[0])),
+        restitution: first(EffectKind::ElasticImpact).map(|x| lift(&x[0])),
+        compliance: first(EffectKind::ToeCompliance).map(|x| (lift(&x[0]), lift(&x[1]))),
+        radius: first(EffectKind::RoundFoot).map(|x| lift(&x[0])),
+    }
 }

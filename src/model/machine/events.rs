@@ -17,6 +17,14 @@ pub(super) enum Guard {
     Meet(usize),
     /// A rotor is pulled off its stop.
     Part(usize),
+    /// The swing foot reaches the ground.
+    Touchdown,
+    /// A stance foot in flight comes back.
+    Land,
+    /// A held foot is pulled out of its friction cone.
+    SlideStart,
+    /// A sliding foot comes to rest.
+    SlideStop,
 }
 
 /// Events in one substep; beyond that (chatter at a point of rest) the step is taken as it is.
@@ -86,6 +94,12 @@ impl<S: Scalar> Machine<S> {
                 _ => {}
             }
         }
+        for (guard, value) in self.foot_guards() {
+            if let Some(value) = value {
+                consider(guard, value);
+            }
+        }
+        needs_forces |= self.ground.friction.is_some() && self.walks;
         if needs_forces {
             let mut work = std::mem::take(&mut self.work);
             self.flow(&self.end, self.now + h, &mut work);
@@ -95,6 +109,15 @@ impl<S: Scalar> Machine<S> {
             self.work = work;
         }
         worst.map(|(guard, _)| guard)
+    }
+
+    /// Guards of the feet that look at the state alone.
+    fn foot_guards(&self) -> [(Guard, Option<f64>); 3] {
+        [
+            (Guard::Touchdown, self.touchdown_guard(&self.end)),
+            (Guard::Land, self.landing_guard(&self.end)),
+            (Guard::SlideStop, self.slide_guard(&self.end)),
+        ]
     }
 
     /// Guards that look at the forces of the last [`Self::flow`]; below zero = broken.
@@ -111,6 +134,8 @@ impl<S: Scalar> Machine<S> {
                     Play::Closed(side) => Some((Guard::Part(i), ROUNDING - force * side)),
                     _ => None,
                 },
+                Holder::Tangent => self.cone_guard(work).map(|value| (Guard::SlideStart, value)),
+                Holder::Normal => None,
             }
         })
     }
@@ -158,7 +183,10 @@ impl<S: Scalar> Machine<S> {
                 let rotor = &self.rotors[i];
                 Some(rotor.gap.value() * 0.5 - rotor.twist(&self.end.q).value().abs())
             }
-            Guard::Release(_) | Guard::Part(_) => None,
+            Guard::Touchdown => self.touchdown_guard(&self.end),
+            Guard::Land => self.landing_guard(&self.end),
+            Guard::SlideStop => self.slide_guard(&self.end),
+            Guard::Release(_) | Guard::Part(_) | Guard::SlideStart => None,
         }
     }
 
@@ -193,8 +221,15 @@ impl<S: Scalar> Machine<S> {
                 let (twist, rate) = (rotor.twist(&self.end.q), rotor.twist(&self.end.v));
                 (twist - rotor.gap * (0.5 * twist.sign()), rate)
             }
+            Guard::Touchdown | Guard::Land | Guard::SlideStop => {
+                let mut work = std::mem::take(&mut self.work);
+                self.flow(&self.end, self.now + h, &mut work);
+                self.work = work;
+                let Some(event) = self.foot_event(guard) else { return S::zero() };
+                event
+            }
             // The flow does not jump here, so the instant does not matter to first order.
-            Guard::Release(_) | Guard::Part(_) => return S::zero(),
+            Guard::Release(_) | Guard::Part(_) | Guard::SlideStart => return S::zero(),
         };
         if rate.value().abs() < f64::MIN_POSITIVE { S::zero() } else { -((g - g.value()) / rate.value()) }
     }
@@ -212,6 +247,10 @@ impl<S: Scalar> Machine<S> {
             Guard::Release(i) => self.release(i),
             Guard::Meet(i) => self.meet(i),
             Guard::Part(i) => self.plays[i] = Play::Free,
+            Guard::Touchdown => self.touch_down(),
+            Guard::Land => self.land(),
+            Guard::SlideStart => self.start_sliding(),
+            Guard::SlideStop => self.stop_sliding(),
         }
         self.settle_modes();
     }
@@ -264,7 +303,7 @@ impl<S: Scalar> Machine<S> {
     }
 
     /// The truth just after a jump, so that lags start from it.
-    fn before_now(&mut self) {
+    pub(super) fn before_now(&mut self) {
         for (i, pickup) in self.pickups.iter().enumerate() {
             self.before[i] = pickup.truth(&self.y.q, &self.y.v);
             if pickup.lag.is_none() {
@@ -279,7 +318,8 @@ impl<S: Scalar> Machine<S> {
         for _ in 0..MOST_CHANGES {
             let stuck = self.axes.iter().zip(&self.grips).any(|(a, g)| a.dry.is_some() && *g == Grip::Stuck);
             let closed = self.plays.iter().any(|p| matches!(p, Play::Closed(_)));
-            if !stuck && !closed {
+            let may_slip = self.walks && self.ground.friction.is_some();
+            if !stuck && !closed && !may_slip {
                 return;
             }
             self.flow_at_start();
@@ -288,7 +328,8 @@ impl<S: Scalar> Machine<S> {
             match guard {
                 Guard::Release(i) => self.release(i),
                 Guard::Part(i) => self.plays[i] = Play::Free,
-                Guard::Stop(_) | Guard::Meet(_) => return,
+                Guard::SlideStart => self.start_sliding(),
+                _ => return,
             }
         }
     }

@@ -61,6 +61,10 @@ const FASTEST: f64 = 1e6;
 pub(super) enum Holder {
     Axis(usize),
     Rotor(usize),
+    /// Foot, along the ground.
+    Tangent,
+    /// Foot, normal to the ground.
+    Normal,
 }
 
 /// `row · a = -bias`, held by a force along `force`.
@@ -86,6 +90,8 @@ pub struct Work<S> {
     pub(super) lambda: [S; MAX_CONSTRAINTS],
     /// Dry friction level of each axis.
     pub(super) level: [S; MAX],
+    /// Force on the toe's coordinates before the ground acts.
+    pub(super) toe_bias: [S; 2],
     at: Phase<S>,
     sum: Phase<S>,
 }
@@ -101,6 +107,7 @@ impl<S: Scalar> Default for Work<S> {
             held: 0,
             lambda: [S::zero(); MAX_CONSTRAINTS],
             level: [S::zero(); MAX],
+            toe_bias: [S::zero(); 2],
             at: Phase::default(),
             sum: Phase::default(),
         }
@@ -195,6 +202,7 @@ impl<S: Scalar> Machine<S> {
             drive.row.push(torque, &mut work.eq.force);
         }
         self.add_axes(y, t, &bias, work);
+        self.add_foot(y, work);
         work.accelerate(self.n);
     }
 

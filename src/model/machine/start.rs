@@ -84,6 +84,7 @@ impl<S: Scalar> Machine<S> {
         for i in 0..self.rotors.len() {
             self.start_rotor(i, twists[i], twist_rates[i]);
         }
+        self.start_feet();
         self.regrip();
         self.start_pickups(&lags);
         for push in &mut self.pushes {
