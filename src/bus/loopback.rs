@@ -37,7 +37,7 @@ impl Inbox {
 }
 
 /// Sending half of an end.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct LoopbackTx {
     peer: Arc<Inbox>,
     echo: Option<Arc<Inbox>>,

@@ -13,6 +13,7 @@ mod inspect;
 mod outcome;
 pub mod progress;
 mod replay;
+mod run;
 mod score;
 mod sim;
 mod trial;
@@ -41,6 +42,7 @@ struct Cli {
 enum Command {
     Diagnose(diagnose::Args),
     Identify(identify::Args),
+    Run(Box<run::Args>),
     Score(score::Args),
     Trial(trial::Args),
     CheckConfig(check_config::Args),
@@ -54,6 +56,7 @@ impl Run for Command {
         match self {
             Self::Diagnose(args) => args.run(),
             Self::Identify(args) => args.run(),
+            Self::Run(args) => args.run(),
             Self::Score(args) => args.run(),
             Self::Trial(args) => args.run(),
             Self::CheckConfig(args) => args.run(),

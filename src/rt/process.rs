@@ -103,6 +103,12 @@ impl Progress {
         Mode::from_u8(self.mode.load(Ordering::Relaxed)).unwrap_or_default()
     }
 
+    /// The loop has ended.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.ended.load(Ordering::Acquire)
+    }
+
     pub(super) fn note(&self, record: &TickRecord, refused: u64) {
         self.ticks.store(record.input.index + 1, Ordering::Release);
         self.refused_ticks.store(refused, Ordering::Relaxed);

@@ -1,0 +1,63 @@
+//! The end of a run in a few lines. RT: no.
+
+use crate::msg::{Fault, RecorderStatus, TickRecord};
+use crate::rt::process::Summary;
+use crate::rt::stats::Percentiles;
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+/// Writes it.
+pub(super) fn write(
+    out: &mut impl Write,
+    summary: &Summary,
+    recorded: Option<&(PathBuf, RecorderStatus)>,
+) -> io::Result<()> {
+    let last = &summary.observed.last;
+    writeln!(out, "ticks       {}, {} periods skipped", last.status.ticks, last.status.overruns)?;
+    write_times(out, "wake-up", &summary.observed.stats.wake.percentiles())?;
+    write_times(out, "step", &summary.observed.stats.step.percentiles())?;
+    write_faults(out, last.status.faults, &summary.observed.faults)?;
+    write_drops(out, summary, last)?;
+    match (summary.allocations, summary.page_faults) {
+        (Some(allocations), Some(faults)) => {
+            writeln!(out, "after arming {allocations} allocations, {faults} page faults in the real-time threads")?;
+        }
+        _ => writeln!(out, "after arming nothing to count: the robot was never armed")?,
+    }
+    for text in summary.missing.in_words() {
+        writeln!(out, "not granted {text}")?;
+    }
+    if let Some((path, status)) = recorded {
+        writeln!(out, "recorded    {}: {} ticks, {} lost", path.display(), status.written, status.dropped)?;
+    }
+    Ok(())
+}
+
+fn write_times(out: &mut impl Write, name: &str, p: &Percentiles) -> io::Result<()> {
+    let us = [p.p50, p.p90, p.p99, p.p999, p.max].map(|span| span.as_us());
+    let [p50, p90, p99, p999, max] = us;
+    writeln!(out, "{name:<12}p50 {p50:.1}, p90 {p90:.1}, p99 {p99:.1}, p99.9 {p999:.1}, max {max:.1} us")
+}
+
+fn write_faults(out: &mut impl Write, count: u32, first: &[Fault]) -> io::Result<()> {
+    if first.is_empty() {
+        return writeln!(out, "faults      none");
+    }
+    writeln!(out, "faults      {count}")?;
+    for fault in first {
+        let Fault { code, index, stamp, value } = fault;
+        writeln!(out, "            {} index {index} value {value:.3} at {:.3} s", code.name(), stamp.as_s())?;
+    }
+    Ok(())
+}
+
+fn write_drops(out: &mut impl Write, summary: &Summary, last: &TickRecord) -> io::Result<()> {
+    let [bus0, bus1] = last.input.received.each_ref().map(|batch| batch.dropped);
+    writeln!(
+        out,
+        "lost        frames {bus0} and {bus1}, IMU messages {}, frames refused {}, ticks to the relay {}",
+        last.input.imu.dropped,
+        summary.refused_frames,
+        summary.refused_ticks + summary.observed.missed
+    )
+}

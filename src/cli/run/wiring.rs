@@ -1,0 +1,126 @@
+//! From the configuration's backends to wires: the same threads on simulated and real devices. RT: no.
+
+use super::mock::MockParts;
+use crate::bus::loopback::{self, Loopback};
+use crate::bus::socketcan::{End, SocketCan, link_report};
+use crate::config::checked::{BusBackend, BusConfig, Config, SerialBackend};
+use crate::msg::BUSES;
+use crate::rt::io::{ByteLine, ImuPort};
+use crate::rt::process::BusPort;
+use crate::rt::thread::Missing;
+use crate::sensor::imu::ImuReader;
+use crate::sensor::operator::Hand;
+use crate::sensor::serial::SerialLine;
+use anyhow::Context;
+use std::io::{ErrorKind, Read, Write};
+use std::os::fd::{AsRawFd, RawFd};
+use std::os::unix::net::UnixStream;
+
+/// Wires, opened.
+pub(super) struct Wiring {
+    pub(super) buses: [BusPort; BUSES],
+    pub(super) imu: ImuPort,
+    pub(super) hand: Hand,
+    pub(super) mock: Option<MockParts>,
+    pub(super) missing: Missing,
+}
+
+/// True if no bus is real: then nothing can be hurt.
+pub(super) fn is_simulated(config: &Config) -> bool {
+    config.robot.buses.iter().all(|bus| bus.backend == BusBackend::Mock)
+}
+
+/// Opens everything that the configuration names.
+pub(super) fn open(config: &Config) -> anyhow::Result<Wiring> {
+    let [(bus0, robot0, missing0), (bus1, robot1, missing1)] = [open_bus(config, 0)?, open_bus(config, 1)?];
+    let (line, serial) = open_imu(config)?;
+    let ends = [robot0, robot1];
+    let mocked = ends.iter().any(Option::is_some) || serial.is_some();
+    Ok(Wiring {
+        buses: [bus0, bus1],
+        imu: ImuPort::new(ImuReader::new(&config.robot.imu), line),
+        hand: Hand::open(config).context("robot.operator.source")?,
+        mock: mocked.then(|| MockParts { config: config.clone(), ends, serial }),
+        missing: missing0 | missing1,
+    })
+}
+
+fn open_bus(config: &Config, bus: usize) -> anyhow::Result<(BusPort, Option<Loopback>, Missing)> {
+    let settings = &config.robot.buses[bus];
+    match &settings.backend {
+        BusBackend::Mock => {
+            let (host, robot) = loopback::mock()?;
+            let (transmit, receive) = host.split();
+            let last_words = Box::new(transmit.clone());
+            let port = BusPort { transmit: Box::new(transmit), receive: Box::new(receive), last_words };
+            Ok((port, Some(robot), Missing::default()))
+        }
+        BusBackend::SocketCan(name) => {
+            let (port, missing) =
+                open_socket(name, settings).with_context(|| format!("robot.bus{bus}.backend = socketcan:{name}"))?;
+            Ok((port, None, missing))
+        }
+    }
+}
+
+fn open_socket(name: &str, settings: &BusConfig) -> std::io::Result<(BusPort, Missing)> {
+    let (transmit, receive) = SocketCan::open(name, End::Controller, settings.echo_timeout)?.split();
+    let last_words = Box::new(transmit.clone());
+    let may_restart = link_report::may_change_links();
+    let missing = if may_restart { Missing::default() } else { Missing::BUS_RESTART };
+    Ok((BusPort { transmit: Box::new(transmit), receive: Box::new(receive), last_words }, missing))
+}
+
+fn open_imu(config: &Config) -> anyhow::Result<(Box<dyn ByteLine>, Option<UnixStream>)> {
+    match &config.robot.imu.backend {
+        SerialBackend::Mock => {
+            let (host, device) = UnixStream::pair()?;
+            host.set_nonblocking(true)?;
+            device.set_nonblocking(true)?;
+            Ok((Box::new(MockLine(host)), Some(device)))
+        }
+        SerialBackend::Device(path) => {
+            let line =
+                SerialLine::open(path, config.robot.imu.baud).with_context(|| format!("robot.imu.backend = {path}"))?;
+            Ok((Box::new(RealLine(line)), None))
+        }
+    }
+}
+
+/// The serial line of the simulated IMU.
+struct MockLine(UnixStream);
+
+impl ByteLine for MockLine {
+    fn read(&mut self, buffer: &mut [u8]) -> Option<usize> {
+        match self.0.read(buffer) {
+            Ok(0) => None,
+            Ok(count) => Some(count),
+            Err(error) => matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted).then_some(0),
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> bool {
+        self.0.write(bytes).is_ok_and(|count| count == bytes.len())
+    }
+
+    fn readable_fd(&self) -> RawFd {
+        self.0.as_raw_fd()
+    }
+}
+
+/// A serial device.
+struct RealLine(SerialLine);
+
+impl ByteLine for RealLine {
+    fn read(&mut self, buffer: &mut [u8]) -> Option<usize> {
+        self.0.read(buffer)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> bool {
+        self.0.write(bytes)
+    }
+
+    fn readable_fd(&self) -> RawFd {
+        self.0.readable_fd()
+    }
+}
