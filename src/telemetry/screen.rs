@@ -20,8 +20,11 @@ const DIM: Style = Style::new().fg(Color::DarkGray);
 
 /// Draws everything.
 pub(super) fn draw(frame: &mut Frame<'_>, state: &State) {
+    // On 24 rows the latencies matter more than a fourth event.
+    let event_rows = if frame.area().height < 30 { 4 } else { 6 };
     let [head, body, events] =
-        Layout::vertical([Constraint::Length(1), Constraint::Min(16), Constraint::Length(6)]).areas(frame.area());
+        Layout::vertical([Constraint::Length(1), Constraint::Min(16), Constraint::Length(event_rows)])
+            .areas(frame.area());
     let [left, right] = Layout::horizontal([Constraint::Min(30), Constraint::Length(48)]).areas(body);
     let [robot, torque] = Layout::vertical([Constraint::Min(8), Constraint::Length(7)]).areas(left);
     let [angles, drives, rest] =
@@ -314,8 +317,8 @@ mod tests {
     }
 
     #[test]
-    fn everything_that_matters_is_on_a_screen_of_80_by_30() {
-        let text = screen(&state(), 80, 30);
+    fn everything_that_matters_is_on_a_screen_of_80_by_24() {
+        let text = screen(&state(), 80, 24);
         for word in
             ["FAULT", "inner", "-12.00 Nm", "+2.865°", "Unknown", "bus 1", "wake-up", "25.0", "TiltLimit", "q: stop"]
         {
