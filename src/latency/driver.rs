@@ -10,6 +10,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::window::Window;
+use crate::rt::clock;
 
 /// Bytes of the datagram that stands for a sensor frame with its message around it.
 pub const SENSOR_BYTES: usize = 200;
@@ -86,7 +87,7 @@ pub fn run(into: &Path, out: &UnixDatagram, count: usize, period: Duration) -> i
         thread::sleep(next.saturating_duration_since(Instant::now()));
         collect(out, &mut samples);
         // A frame that finds no reader is lost, as on a bus.
-        let sent = socket.send_to(&sensor_datagram(monotonic_ns(), number as u64, [0.01, -0.02, 0.1, 0.2]), into);
+        let sent = socket.send_to(&sensor_datagram(clock::now().0, number as u64, [0.01, -0.02, 0.1, 0.2]), into);
         drop(sent);
     }
     thread::sleep(Duration::from_millis(50));
@@ -99,16 +100,6 @@ fn collect(out: &UnixDatagram, samples: &mut Vec<f64>) {
     while matches!(out.recv(&mut bytes), Ok(REPLY_BYTES)) {
         samples.push(latency_us(&bytes));
     }
-}
-
-/// CLOCK_MONOTONIC, ns: the clock that all processes of this machine share.
-#[must_use]
-#[expect(unsafe_code, reason = "clock_gettime has no safe face in libc")]
-pub fn monotonic_ns() -> i64 {
-    let mut t = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: `t` is a valid place for the result; the clock id is a constant of the kernel.
-    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut t) };
-    t.tv_sec * 1_000_000_000 + t.tv_nsec
 }
 
 #[cfg(test)]

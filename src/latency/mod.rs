@@ -1,6 +1,8 @@
 //! L6: the harness of `compass bench` and `bench/`: our figures beside those of what a user would use instead, in
 //! interleaved windows of one run, as ratios. It never judges: a goal that is not reached stands in the table.
 //!
+//! - [`our_chain`]: our path from sensor frame to command frame.
+//! - [`wakeup`]: our control thread against cyclictest.
 //! - [`page`]: the HTML page.
 //! - [`window`]: percentiles of a window, medians of per-window ratios, the machine's stolen time.
 //! - [`cyclictest`]: wake-up latency of Debian's rt-tests.
@@ -15,5 +17,7 @@ pub mod cyclictest;
 pub mod driver;
 pub mod hop;
 pub mod lcm_chain;
+pub mod our_chain;
 pub mod page;
+pub mod wakeup;
 pub mod window;

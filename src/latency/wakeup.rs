@@ -1,0 +1,75 @@
+//! Wake-up of our control thread against cyclictest: same priority, same core, same period, windows in turn.
+//!
+//! Our thread does a real tick after each wake-up; cyclictest does nothing but note the time. RT: the measured thread.
+
+use std::thread;
+
+use super::cyclictest::{self, CyclictestError};
+use super::window::{Paired, Window};
+use crate::base::time::Span;
+use crate::config::checked::Thread;
+use crate::rt::clock::Monotonic;
+use crate::rt::cycle::Cycle;
+use crate::rt::thread as scheduling;
+
+/// How to measure.
+#[derive(Clone, Copy, Debug)]
+pub struct Wakeup {
+    /// FIFO priority of both.
+    pub priority: u8,
+    /// Core of both.
+    pub core: usize,
+    /// Period of both, us.
+    pub period_us: u32,
+    /// Wake-ups in a window.
+    pub loops: u32,
+}
+
+impl Wakeup {
+    /// One window of our thread; `work` makes what it does after each wake-up.
+    pub fn ours<W: FnMut()>(&self, work: impl FnOnce() -> W + Send) -> Window {
+        let config = Thread { priority: self.priority, core: Some(self.core), stack_bytes: 256 * 1024 };
+        let (period, loops) = (Span::from_us(i64::from(self.period_us)), self.loops);
+        thread::scope(|scope| {
+            let measured = scope.spawn(move || {
+                let mut work = work();
+                let mut samples = Vec::with_capacity(loops as usize);
+                scheduling::enter(&config);
+                let mut cycle = Cycle::start(Monotonic, period);
+                for _ in 0..loops {
+                    samples.push(cycle.wait().latency.as_us());
+                    work();
+                }
+                Window::new(samples)
+            });
+            measured.join().unwrap_or_default()
+        })
+    }
+
+    /// One window of cyclictest.
+    ///
+    /// # Errors
+    /// If cyclictest is missing or fails.
+    pub fn theirs(&self) -> Result<Window, CyclictestError> {
+        cyclictest::window(self.priority, self.core, self.period_us, self.loops)
+    }
+
+    /// `windows` of each, in turn; `after_each` is told how many pairs are done.
+    ///
+    /// # Errors
+    /// If cyclictest is missing or fails.
+    pub fn compare<W: FnMut()>(
+        &self,
+        windows: usize,
+        work: impl Fn() -> W + Send + Sync,
+        mut after_each: impl FnMut(usize),
+    ) -> Result<Paired, CyclictestError> {
+        let mut pair = Paired::default();
+        for done in 0..windows {
+            pair.ours.push(self.ours(&work));
+            pair.theirs.push(self.theirs()?);
+            after_each(done + 1);
+        }
+        Ok(pair)
+    }
+}
