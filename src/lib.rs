@@ -29,7 +29,7 @@
 //! | L5 | `report` | plots, tables, pages: data in, files out; computes nothing | no |
 //! | L6 | `identify` | rigs, recordings, free runs with sensitivities, fits, identifiability | no |
 //! | L6 | `diagnose` | detect, localise, attribute, prove; concealed trials | no |
-//! | L6 | `latency` | the harness of `bench/` and `compass bench` | no |
+//! | L6 | [`latency`] | the harness of `bench/` and `compass bench` | no |
 //! | L7 | `cli` | arguments as typed → plan; one file per subcommand | no |
 //!
 //! # Bibliography

@@ -2,13 +2,14 @@
 
 use std::fs;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Context;
 
 use super::config_args::ConfigArgs;
 use super::{Outcome, Run, progress};
+use crate::config::checked::Config;
 use crate::latency::cyclictest::CyclictestError;
 use crate::latency::lcm_chain::LcmChain;
 use crate::latency::our_chain::{Input, OurChain, Step};
@@ -91,12 +92,7 @@ impl Args {
         self.seconds as usize * 1000
     }
 
-    fn wakeups(
-        &self,
-        config: &crate::config::checked::Config,
-        rows: &mut Vec<Row>,
-        left_out: &mut Vec<String>,
-    ) -> anyhow::Result<()> {
+    fn wakeups(&self, config: &Config, rows: &mut Vec<Row>, left_out: &mut Vec<String>) -> anyhow::Result<()> {
         let wakeup = Wakeup {
             priority: self.priority,
             core: self.core,
@@ -104,8 +100,8 @@ impl Args {
             loops: self.seconds.saturating_mul(1000),
         };
         let bar = progress::bar(self.windows as u64, "wake-up beside cyclictest");
-        let work = || step_cost::idle_step(config);
-        let measured = wakeup.compare(self.windows, work, |done| bar.set_position(done as u64));
+        let measured =
+            wakeup.compare(self.windows, step_cost::idle_step(config)?, |done| bar.set_position(done as u64));
         bar.finish_and_clear();
         match measured {
             Ok(pair) => rows.push(Row {
@@ -121,12 +117,7 @@ impl Args {
     }
 
     /// All our ways in beside the one LCM chain, a window of each in turn.
-    fn chains(
-        &self,
-        config: &crate::config::checked::Config,
-        rows: &mut Vec<Row>,
-        left_out: &mut Vec<String>,
-    ) -> anyhow::Result<()> {
+    fn chains(&self, config: &Config, rows: &mut Vec<Row>, left_out: &mut Vec<String>) -> anyhow::Result<()> {
         const OURS: [(Input, &str, [Option<f64>; 4]); 3] = [
             (Input::Thread, "frame in → command out, I/O thread", [Some(0.35), None, Some(0.25), None]),
             (Input::Inline, "frame in → command out, inline", [Some(0.35), None, Some(0.25), None]),
@@ -148,7 +139,7 @@ impl Args {
                     }
                 };
                 clear(&folder)?;
-                let step: Step = step_cost::idle_output(config);
+                let step: Step = step_cost::idle_output(config)?;
                 let chain = OurChain::start(&folder, *input, self.priority, self.core, step)?;
                 let ours = chain.window(self.frames(), Duration::from_millis(1))?;
                 drop(chain);
@@ -178,7 +169,7 @@ impl Args {
 }
 
 /// Removes the sockets of a chain that ended.
-fn clear(folder: &std::path::Path) -> anyhow::Result<()> {
+fn clear(folder: &Path) -> anyhow::Result<()> {
     for entry in fs::read_dir(folder)? {
         fs::remove_file(entry?.path())?;
     }

@@ -5,6 +5,7 @@
 //! Data goes to stdout by `writeln!` (an error there travels up, a broken pipe ends quietly), talk goes to stderr.
 //! RT: no.
 
+mod bench;
 mod check_config;
 pub mod config_args;
 mod diagnose;
@@ -45,6 +46,7 @@ enum Command {
     Run(Box<run::Args>),
     Score(score::Args),
     Trial(trial::Args),
+    Bench(bench::Args),
     CheckConfig(check_config::Args),
     Inspect(inspect::Args),
     Replay(replay::Args),
@@ -59,6 +61,7 @@ impl Run for Command {
             Self::Run(args) => args.run(),
             Self::Score(args) => args.run(),
             Self::Trial(args) => args.run(),
+            Self::Bench(args) => args.run(),
             Self::CheckConfig(args) => args.run(),
             Self::Inspect(args) => args.run(),
             Self::Replay(args) => args.run(),

@@ -3,6 +3,7 @@
 //!
 //! - [`our_chain`]: our path from sensor frame to command frame.
 //! - [`wakeup`]: our control thread against cyclictest.
+//! - [`step_cost`]: what a tick costs.
 //! - [`page`]: the HTML page.
 //! - [`window`]: percentiles of a window, medians of per-window ratios, the machine's stolen time.
 //! - [`cyclictest`]: wake-up latency of Debian's rt-tests.
@@ -19,5 +20,6 @@ pub mod hop;
 pub mod lcm_chain;
 pub mod our_chain;
 pub mod page;
+pub mod step_cost;
 pub mod wakeup;
 pub mod window;

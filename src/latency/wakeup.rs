@@ -26,13 +26,12 @@ pub struct Wakeup {
 }
 
 impl Wakeup {
-    /// One window of our thread; `work` makes what it does after each wake-up.
-    pub fn ours<W: FnMut()>(&self, work: impl FnOnce() -> W + Send) -> Window {
+    /// One window of our thread; `work` is what it does after each wake-up.
+    pub fn ours(&self, mut work: impl FnMut() + Send) -> Window {
         let config = Thread { priority: self.priority, core: Some(self.core), stack_bytes: 256 * 1024 };
         let (period, loops) = (Span::from_us(i64::from(self.period_us)), self.loops);
         thread::scope(|scope| {
             let measured = scope.spawn(move || {
-                let mut work = work();
                 let mut samples = Vec::with_capacity(loops as usize);
                 scheduling::enter(&config);
                 let mut cycle = Cycle::start(Monotonic, period);
@@ -58,15 +57,15 @@ impl Wakeup {
     ///
     /// # Errors
     /// If cyclictest is missing or fails.
-    pub fn compare<W: FnMut()>(
+    pub fn compare(
         &self,
         windows: usize,
-        work: impl Fn() -> W + Send + Sync,
+        mut work: impl FnMut() + Send,
         mut after_each: impl FnMut(usize),
     ) -> Result<Paired, CyclictestError> {
         let mut pair = Paired::default();
         for done in 0..windows {
-            pair.ours.push(self.ours(&work));
+            pair.ours.push(self.ours(&mut work));
             pair.theirs.push(self.theirs()?);
             after_each(done + 1);
         }
