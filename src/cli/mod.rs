@@ -12,6 +12,7 @@ mod diagnose;
 mod identify;
 mod inspect;
 mod outcome;
+mod plant;
 pub mod progress;
 mod replay;
 mod run;
@@ -51,6 +52,7 @@ enum Command {
     Inspect(inspect::Args),
     Replay(replay::Args),
     Sim(sim::Args),
+    Plant(plant::Args),
 }
 
 impl Run for Command {
@@ -66,6 +68,7 @@ impl Run for Command {
             Self::Inspect(args) => args.run(),
             Self::Replay(args) => args.run(),
             Self::Sim(args) => args.run(),
+            Self::Plant(args) => args.run(),
         }
     }
 }

@@ -21,9 +21,9 @@ impl SerialLine {
     /// # Errors
     /// No such device, no permission, or a rate that it cannot do.
     pub fn open(path: &str, baud: u32) -> Result<Self, serialport::Error> {
-        let mut port = serialport::new(path, baud).timeout(Duration::ZERO).open_native()?;
+        // Not exclusive: that would outlive a killed process on a pseudo-terminal, and its successor could not open it.
+        let port = serialport::new(path, baud).timeout(Duration::ZERO).exclusive(false).open_native()?;
         port.clear(serialport::ClearBuffer::All)?;
-        port.set_exclusive(true)?;
         let low_latency = set_low_latency(port.as_raw_fd());
         Ok(Self { port, low_latency })
     }
@@ -48,6 +48,37 @@ impl SerialLine {
     #[must_use]
     pub fn readable_fd(&self) -> RawFd {
         self.port.as_raw_fd()
+    }
+}
+
+/// A pseudo-terminal: the far end of a simulated device, and the path under which others open the near end.
+#[derive(Debug)]
+pub struct PseudoTerminal {
+    /// The far end.
+    pub far: SerialLine,
+    /// Kept open, so that the far end does not see a hang-up while nobody has the near end open.
+    near: TTYPort,
+}
+
+impl PseudoTerminal {
+    /// A new one, raw.
+    ///
+    /// # Errors
+    /// None left, or no permission.
+    pub fn new() -> Result<Self, serialport::Error> {
+        let (mut far, near) = TTYPort::pair()?;
+        far.set_timeout(Duration::ZERO)?;
+        // With nobody reading, bytes are thrown away instead of waited for.
+        // SAFETY: an open descriptor, and flags without pointers.
+        unsafe { libc::fcntl(far.as_raw_fd(), libc::F_SETFL, libc::O_NONBLOCK) };
+        Ok(Self { far: SerialLine { port: far, low_latency: false }, near })
+    }
+
+    /// Path of the near end.
+    #[must_use]
+    #[expect(clippy::disallowed_types, reason = "before arming")]
+    pub fn path(&self) -> Option<String> {
+        self.near.name()
     }
 }
 
@@ -100,3 +131,49 @@ impl Default for SerialStruct {
 }
 
 const _: () = assert!(size_of::<SerialStruct>() == 72, "linux/serial.h on 64 bits");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Reads until `count` bytes are there or nothing came for a while.
+    fn read_all(line: &mut SerialLine, count: usize) -> Vec<u8> {
+        let mut got = Vec::new();
+        for _ in 0..1000 {
+            let mut buffer = [0; 64];
+            let n = line.read(&mut buffer).unwrap();
+            got.extend_from_slice(&buffer[..n]);
+            if got.len() >= count {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        got
+    }
+
+    #[test]
+    fn every_byte_passes_a_pseudo_terminal_unchanged_both_ways() {
+        let mut pty = PseudoTerminal::new().unwrap();
+        let mut near = SerialLine::open(&pty.path().unwrap(), 921_600).unwrap();
+        let all: Vec<u8> = (0..=255).collect();
+        assert!(pty.far.write(&all));
+        assert_eq!(read_all(&mut near, 256), all);
+        assert!(near.write(&all));
+        assert_eq!(read_all(&mut pty.far, 256), all);
+    }
+
+    #[test]
+    fn a_line_that_nobody_reads_never_blocks_the_writer() {
+        let mut pty = PseudoTerminal::new().unwrap();
+        let refused = (0..10_000).filter(|_| !pty.far.write(&[0x55; 31])).count();
+        assert!(refused > 0);
+    }
+
+    #[test]
+    fn a_near_end_can_be_opened_again_after_its_user_is_gone() {
+        let pty = PseudoTerminal::new().unwrap();
+        let path = pty.path().unwrap();
+        drop(SerialLine::open(&path, 115_200).unwrap());
+        assert!(SerialLine::open(&path, 115_200).is_ok());
+    }
+}

@@ -9,6 +9,7 @@ pub mod noise;
 mod objects;
 pub mod plant;
 pub mod scenario;
+pub mod served;
 pub mod wire;
 pub mod world;
 

@@ -150,6 +150,12 @@ impl Plant {
         &mut self.drives[drive as usize]
     }
 
+    /// Torque of the hip motor at the joint, Nm.
+    #[must_use]
+    pub fn hip_torque_nm(&self) -> f64 {
+        self.drives[Drive::Hip as usize].torque_permille() * self.units.joint_nm_per_permille
+    }
+
     /// A drive restarts by itself, as after a loss of its power.
     pub fn reboot_drive(&mut self, drive: Drive) {
         let now = self.now;

@@ -1,0 +1,194 @@
+//! The simulated robot on real interfaces, at the pace of the real clock: two CAN sockets and a pseudo-terminal.
+//!
+//! What comes is handed to the plant when it is noticed, what the plant sends goes out when its time has come; so the
+//! reaction of a drive is late by the wake-up of this process. RT: no.
+
+use super::plant::Plant;
+use crate::base::time::{Span, Stamp};
+use crate::bus::socketcan::{End, SocketCan};
+use crate::bus::{Receive, Transmit};
+use crate::config::checked::{BusBackend, Config, SerialBackend};
+use crate::msg::{BUSES, FrameBatch};
+use crate::rt::{clock, poll};
+use crate::sensor::serial::PseudoTerminal;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The plant moves on at least so often.
+const STEP: Span = Span::from_us(500);
+
+/// Why the robot cannot be put on its interfaces.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// A bus without a name.
+    #[error("robot.bus{0}.backend must be \"socketcan:NAME\": the simulated robot needs an interface to sit on")]
+    NoInterface(usize),
+    /// A bus that cannot be opened.
+    #[error("cannot open CAN interface {name}: {cause}")]
+    Can {
+        /// The interface.
+        name: String,
+        /// Why not.
+        cause: std::io::Error,
+    },
+    /// No pseudo-terminal.
+    #[error("cannot make a pseudo-terminal for the IMU")]
+    Terminal(#[from] serialport::Error),
+    /// The path where the controller looks for the IMU is taken, or its folder is not there.
+    #[error("cannot make {path} point to the pseudo-terminal: {cause}")]
+    Symlink {
+        /// The path.
+        path: String,
+        /// Why not.
+        cause: std::io::Error,
+    },
+}
+
+/// What went through.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Frames from the controller.
+    pub heard: u64,
+    /// Frames to the controller.
+    pub sent: u64,
+    /// Frames that an interface did not take.
+    pub refused: u64,
+    /// Bytes of the IMU that nobody took.
+    pub imu_refused: u64,
+}
+
+/// The robot on its interfaces.
+pub struct Served {
+    plant: Plant,
+    buses: Vec<SocketCan>,
+    terminal: PseudoTerminal,
+    link: Option<PathBuf>,
+    traffic: Traffic,
+    bytes: Vec<u8>,
+}
+
+impl Served {
+    /// Opens everything. If the configuration names a path for the IMU, it is made to point to the pseudo-terminal.
+    ///
+    /// # Errors
+    /// [`ServeError`].
+    pub fn open(config: &Config, mut plant: Plant) -> Result<Self, ServeError> {
+        let buses = (0..BUSES).map(|bus| open_bus(config, bus)).collect::<Result<_, _>>()?;
+        let terminal = PseudoTerminal::new()?;
+        let link = match &config.robot.imu.backend {
+            SerialBackend::Mock => None,
+            SerialBackend::Device(path) => Some(point_to(path, terminal.path().unwrap_or_default())?),
+        };
+        plant.set_echo(false);
+        plant.start_at(clock::now());
+        Ok(Self { plant, buses, terminal, link, traffic: Traffic::default(), bytes: Vec::new() })
+    }
+
+    /// Where the IMU can be opened.
+    #[must_use]
+    pub fn imu_path(&self) -> String {
+        self.terminal.path().unwrap_or_default()
+    }
+
+    /// The robot.
+    pub const fn plant(&mut self) -> &mut Plant {
+        &mut self.plant
+    }
+
+    /// What went through.
+    #[must_use]
+    pub const fn traffic(&self) -> &Traffic {
+        &self.traffic
+    }
+
+    /// Waits for something to do, at most a step, and does it.
+    pub fn turn(&mut self) {
+        let fds = [self.buses[0].readable_fd(), self.buses[1].readable_fd(), self.terminal.far.readable_fd()];
+        poll::readable(fds, self.plant.now() + STEP);
+        let now = clock::now();
+        self.plant.advance_to(now);
+        self.hear();
+        self.speak(now);
+    }
+
+    fn hear(&mut self) {
+        for (bus, socket) in self.buses.iter_mut().enumerate() {
+            while let Some(received) = socket.receive() {
+                if !received.frame.is_error() {
+                    self.traffic.heard += 1;
+                    self.traffic.refused += u64::from(!self.plant.deliver(bus, &received.frame));
+                }
+            }
+        }
+        let mut buffer = [0; 256];
+        if let Some(count) = self.terminal.far.read(&mut buffer).filter(|n| *n > 0) {
+            self.plant.deliver_imu_bytes(&buffer[..count]);
+        }
+    }
+
+    fn speak(&mut self, now: Stamp) {
+        // What was heard may have been answered within the step.
+        self.plant.advance_to(now);
+        for (bus, socket) in self.buses.iter_mut().enumerate() {
+            let mut batch = FrameBatch::default();
+            self.plant.take_frames(bus, &mut batch);
+            for frame in batch.as_slice() {
+                match socket.send(&frame.frame) {
+                    Ok(()) => self.traffic.sent += 1,
+                    Err(_) => self.traffic.refused += 1,
+                }
+            }
+        }
+        self.bytes.clear();
+        self.plant.take_imu_bytes(&mut self.bytes);
+        if !self.bytes.is_empty() && !self.terminal.far.write(&self.bytes) {
+            self.traffic.imu_refused += self.bytes.len() as u64;
+        }
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        if let Some(link) = &self.link {
+            // If it is gone already there is nothing to do.
+            drop(fs::remove_file(link));
+        }
+    }
+}
+
+fn open_bus(config: &Config, bus: usize) -> Result<SocketCan, ServeError> {
+    let settings = &config.robot.buses[bus];
+    let BusBackend::SocketCan(name) = &settings.backend else { return Err(ServeError::NoInterface(bus)) };
+    SocketCan::open(name, End::Robot, settings.echo_timeout)
+        .map_err(|cause| ServeError::Can { name: name.clone(), cause })
+}
+
+/// Makes `path` a symbolic link to `target`. Replaces an old link, never a real file or device.
+fn point_to(path: &str, target: String) -> Result<PathBuf, ServeError> {
+    let error = |cause| ServeError::Symlink { path: path.to_owned(), cause };
+    let link = Path::new(path);
+    if fs::symlink_metadata(link).is_ok_and(|m| m.file_type().is_symlink()) {
+        fs::remove_file(link).map_err(error)?;
+    }
+    std::os::unix::fs::symlink(target, link).map_err(error)?;
+    Ok(link.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_old_link_is_replaced_and_a_real_file_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("imu");
+        let name = path.to_str().unwrap();
+        point_to(name, "/dev/pts/1".into()).unwrap();
+        point_to(name, "/dev/pts/2".into()).unwrap();
+        assert_eq!(fs::read_link(&path).unwrap(), Path::new("/dev/pts/2"));
+        let file = folder.path().join("file");
+        fs::write(&file, "mine").unwrap();
+        assert!(point_to(file.to_str().unwrap(), "/dev/pts/1".into()).is_err());
+        assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
+    }
+}
