@@ -151,12 +151,17 @@ impl Inspection {
         }
     }
 
-    /// True if a person should look: torn, damaged, ticks missing or dropped, a fault.
+    /// True if a person should look: torn, damaged, ticks missing or dropped, a fault other than being told to stop.
     #[must_use]
     pub fn has_findings(&self) -> bool {
         self.ending != Some(Ending::Whole)
             || self.missing_ticks > 0
             || self.recorder.is_some_and(|r| r.dropped > 0)
-            || self.status.is_some_and(|s| s.faults > 0)
+            || self.more_events > 0
+            || self.events.iter().any(|(_, event)| is_trouble(event))
     }
+}
+
+fn is_trouble(event: &Event) -> bool {
+    matches!(event, Event::Fault(fault) if fault.code != FaultCode::Stopping)
 }

@@ -8,7 +8,7 @@
 
 use super::log_file::{Identity, LogFile};
 use super::storage::{Folder, Shelf};
-use crate::base::time::Span;
+use crate::base::time::{Span, Stamp};
 use crate::config::Resolved;
 use crate::msg::{RecorderState, RecorderStatus, TickRecord};
 use crossbeam::queue::ArrayQueue;
@@ -265,7 +265,10 @@ impl Worker {
     fn flush(&mut self) -> Result<(), McapError> {
         self.count_drops();
         let Some(file) = &mut self.file else { return Ok(()) };
-        file.write_status(&self.status)?;
+        // Before the first tick there is no time to put it at.
+        if self.status.stamp > Stamp(0) {
+            file.write_status(&self.status)?;
+        }
         let start = Instant::now();
         file.flush()?;
         self.status.flush_time = Span(i64::try_from(start.elapsed().as_nanos()).unwrap_or(i64::MAX));
