@@ -52,11 +52,11 @@ fn mean(values: &[f64]) -> Option<f64> {
 }
 
 fn shown(value: Option<f64>) -> String {
-    value.map_or_else(String::new, number)
+    value.map_or_else(|| "–".to_owned(), number)
 }
 
 fn percent(value: Option<f64>) -> String {
-    value.map_or_else(String::new, |v| format!("{:.0} %", 100.0 * v))
+    value.map_or_else(|| "–".to_owned(), |v| format!("{:.0} %", 100.0 * v))
 }
 
 /// The rows as a table.
@@ -99,9 +99,9 @@ fn simulated_cells(mark: &Mark) -> [String; 5] {
     [
         ok.to_owned(),
         mark.set_sizes.iter().map(ToString::to_string).collect::<Vec<_>>().join(","),
-        percent(median(mark.leading_errors.iter().copied())),
-        shown(mean(&mark.time_iou)),
-        percent(mark.gain),
+        median(mark.leading_errors.iter().copied()).map_or_else(String::new, |v| percent(Some(v))),
+        mean(&mark.time_iou).map_or_else(String::new, number),
+        mark.gain.map_or_else(String::new, |v| percent(Some(v))),
     ]
 }
 

@@ -54,6 +54,9 @@ fn words(id: &str) -> String {
 fn head(findings: &Findings) -> String {
     let verdict = findings.diagnosis.verdict;
     let (class, meaning) = verdict_words(verdict);
+    // The first sentence is the headline, further ones are read below it. "0.5" has no blank behind its point.
+    let cut = findings.headline.find(". ").map_or(findings.headline.len(), |dot| dot + 1);
+    let (first, rest) = findings.headline.split_at(cut);
     let sentences: String = findings
         .diagnosis
         .missing
@@ -63,10 +66,11 @@ fn head(findings: &Findings) -> String {
         .collect();
     let said = if sentences.is_empty() { String::new() } else { format!("<ul class=\"said\">{sentences}</ul>") };
     format!(
-        "<header><div class=\"top\"><span><b>Compass</b> diagnosis</span><span>{}</span></div><h1>{}</h1>{said}\
+        "<header><div class=\"top\"><span><b>Compass</b> diagnosis</span><span>{}</span></div><h1>{}</h1>{}{said}\
          <p><span class=\"badge {class}\">{class}</span> {meaning}</p></header>",
         escape(&findings.rig),
-        escape(&findings.headline)
+        escape(first),
+        if rest.is_empty() { String::new() } else { format!("<p>{}</p>", escape(rest)) }
     )
 }
 

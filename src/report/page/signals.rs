@@ -130,12 +130,14 @@ fn residual(trace: &Trace, places: &[Place], width: f64, height: f64) -> Plot {
 pub(super) fn place(findings: &Findings) -> String {
     let places = &findings.diagnosis.places;
     let Some(first) = places.first() else { return String::new() };
-    let items: String = places.iter().take(5).map(|place| format!("<li>{}</li>", escape(&sentence(place)))).collect();
-    let more = if places.len() > 5 {
-        format!("<p class=\"soft\">and {} more places.</p>", places.len() - 5)
-    } else {
-        String::new()
-    };
+    let items: String = places
+        .iter()
+        .filter(|place| place.share >= 0.005)
+        .take(5)
+        .map(|place| format!("<li>{}</li>", escape(&sentence(place))))
+        .collect();
+    let further = places.iter().filter(|place| place.share >= 0.005).count().saturating_sub(5);
+    let more = if further > 0 { format!("<p class=\"soft\">and {further} more places.</p>") } else { String::new() };
     let mut body = format!("<ul class=\"said\">{items}</ul>{more}");
     let found = findings.traces.iter().find(|t| t.recording == first.recording && t.channel == first.channel);
     if let Some(trace) = found {

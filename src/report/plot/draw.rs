@@ -15,6 +15,9 @@ const TITLE: f64 = 22.0;
 /// Room for the label of the vertical axis and the legend.
 const HEAD: f64 = 26.0;
 
+/// Narrower drawings have no legend: it would run into the label.
+const LEGEND_FROM: f64 = 500.0;
+
 /// The inner rectangle and its rulers.
 struct Sheet {
     left: f64,
@@ -100,7 +103,10 @@ fn head(out: &mut String, plot: &Plot, sheet: &Sheet) {
     put(out, format_args!("<text x=\"4\" y=\"{y}\">{}</text>", escape(&plot.y.label)));
     let (x, low) = (sheet.left + sheet.width, plot.height - 5.0);
     put(out, format_args!("<text x=\"{x}\" y=\"{low}\" text-anchor=\"end\">{}</text>", escape(&plot.x.label)));
-    legend(out, plot, sheet.left + sheet.width, y);
+    // A narrow drawing stands beside a wide one that tells the tones.
+    if plot.width >= LEGEND_FROM {
+        legend(out, plot, sheet.left + sheet.width, y);
+    }
 }
 
 /// Samples and names in one row, ending at `right`.
