@@ -15,10 +15,10 @@ use crate::model::rig::{Effect, Rig, Value};
 use rayon::prelude::*;
 
 /// Candidates that are fitted in full per round.
-const FITTED: usize = 10;
+const FITTED: usize = 7;
 
 /// Of those, how many are polished under the noise that the best one leaves.
-const POLISHED: usize = 7;
+const POLISHED: usize = 4;
 
 /// Most effects that are added.
 pub const MOST: usize = 4;
@@ -88,8 +88,13 @@ pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
     out
 }
 
-/// Gives each candidate its best start by the cost that one step promises; best candidates first.
-fn screened<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour]) -> Vec<(&'c Candidate, Vec<f64>, f64)> {
+/// Gives each candidate its best start by the cost that one step promises; best candidates first. Also the cost now.
+fn screened<'c>(
+    base: &Hypothesis,
+    library: &'c [Candidate],
+    noise: &[Colour],
+    context: &Context,
+) -> (Vec<(&'c Candidate, Vec<f64>, f64)>, f64) {
     let starts: Vec<(&Candidate, &Vec<f64>)> =
         library.iter().flat_map(|c| c.starts.iter().map(move |s| (c, s))).collect();
     let costs: Vec<f64> = starts
@@ -109,7 +114,11 @@ fn screened<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour]) -
     }
     best.retain(|b| b.2.is_finite());
     best.sort_by(|a, b| a.2.total_cmp(&b.2));
-    best
+    let now: f64 = (base.residuals.iter().zip(noise).zip(&context.floors))
+        .filter(|(_, floor)| floor.is_finite())
+        .map(|((runs, colour), _)| runs.iter().flatten().map(|x| (x / colour.sigma).powi(2)).sum::<f64>())
+        .sum();
+    (best, now)
 }
 
 /// The candidates worth a full fit: the best, and every lookalike of the best three at the same place or any.
@@ -118,15 +127,19 @@ fn chosen<'c>(ranked: &[(&'c Candidate, Vec<f64>, f64)]) -> Vec<(&'c Candidate, 
     let wanted = |(i, (c, ..)): &(usize, &(&Candidate, Vec<f64>, f64))| {
         *i < FITTED || leaders.iter().any(|l| look_alike(l.effect, c.effect))
     };
-    ranked.iter().enumerate().filter(wanted).take(FITTED + 8).map(|(_, (c, s, _))| (*c, s.clone())).collect()
+    ranked.iter().enumerate().filter(wanted).take(FITTED + 4).map(|(_, (c, s, _))| (*c, s.clone())).collect()
 }
 
 /// All candidates of one round on top of `base`, best first by what they gain.
 #[must_use]
 pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context) -> Vec<Trial> {
     let noise = white(&base.residuals, &context.floors);
-    let ranked = screened(base, library, &noise);
-    let coarse = Limits { iterations: 8, tolerance: 1e-4 };
+    let (ranked, now) = screened(base, library, &noise, context);
+    // Nothing promises a third of what would count: a healthy machine is not worth a hundred fits.
+    if ranked.first().is_none_or(|best| now - best.2 < 0.3 * worth(context, 1)) {
+        return Vec::new();
+    }
+    let coarse = Limits { iterations: 6, tolerance: 3e-4 };
     let fitted = |(candidate, start): (&Candidate, Vec<f64>)| {
         let (problem, point) = base.extended(with_effect(&base.rig, candidate, &start));
         let hypothesis = Hypothesis::fitted(problem, point, &noise, &context.floors, coarse)?;
@@ -163,7 +176,7 @@ fn rank(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
 
 /// Fits the leaders again under the noise that the best of them leaves, twice, as the leader may change.
 pub fn polish(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
-    let limits = Limits { iterations: 8, tolerance: 1e-5 };
+    let limits = Limits { iterations: 5, tolerance: 1e-4 };
     for _ in 0..2 {
         rank(base, trials, context);
         let Some(noise) = trials.first().map(|t| t.hypothesis.noise.clone()) else { return };

@@ -46,29 +46,46 @@ pub fn fit_recordings(experiment: &Experiment) -> Vec<Recording> {
 /// Fits all free numbers of `rig`: horizons grow, then white noise of the size of the residual, twice.
 #[must_use]
 pub fn fitted(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f64]) -> Option<Hypothesis> {
-    let mut start = rig.clone();
-    let rough: Vec<Colour> = pooled
-        .std
-        .iter()
-        .zip(floors)
-        .map(|(s, f)| Colour::white(if f.is_finite() { 0.05 * s } else { f64::INFINITY }))
-        .collect();
+    let rough = rough(pooled, floors);
     let full = Problem::new(rig.clone(), recordings.to_vec());
-    let longest = full.longest_s();
-    for horizon_s in HORIZONS_S.into_iter().filter(|h| *h < 0.8 * longest) {
-        let problem = full.with_rig(start.clone()).with_horizon(horizon_s);
-        let limits = Limits { iterations: 8, tolerance: 1e-3 };
-        let stage = fit(&problem, problem.start(), &problem.bounds(), &rough, limits);
-        if stage.cost.is_finite() {
-            start = problem.rig_at(&stage.point.parameters);
-        }
-    }
-    let grown = settled(&full.with_rig(start), &rough, floors);
     let direct = settled(&full, &rough, floors);
+    // A false minimum leaves a misfit that anyone would see; only then the horizon has to grow.
+    if direct.as_ref().is_some_and(|d| misfit(d, pooled, floors) < GOOD) {
+        return direct;
+    }
+    let grown = settled(&full.with_rig(grown(&full, &rough)), &rough, floors);
     match (grown, direct) {
         (Some(a), Some(b)) => Some(if a.likelihood >= b.likelihood { a } else { b }),
         (a, b) => a.or(b),
     }
+}
+
+/// Largest misfit, in parts of a channel's spread, that is taken for the true minimum without a second start.
+const GOOD: f64 = 0.05;
+
+fn misfit(of: &Hypothesis, pooled: &Pooled, floors: &[f64]) -> f64 {
+    let relative =
+        |(colour, (std, floor)): (&Colour, (&f64, &f64))| if floor.is_finite() { colour.sigma / std } else { 0.0 };
+    white(&of.residuals, floors).iter().zip(pooled.std.iter().zip(floors)).map(relative).fold(0.0, f64::max)
+}
+
+/// A twentieth of each channel's spread as its noise, before anything is known.
+fn rough(pooled: &Pooled, floors: &[f64]) -> Vec<Colour> {
+    let one = |(std, floor): (&f64, &f64)| Colour::white(if floor.is_finite() { 0.05 * std } else { f64::INFINITY });
+    pooled.std.iter().zip(floors).map(one).collect()
+}
+
+/// The rig after fits on horizons that grow.
+fn grown(full: &Problem, rough: &[Colour]) -> Rig {
+    let mut start = full.rig.clone();
+    for horizon_s in HORIZONS_S.into_iter().filter(|h| *h < 0.8 * full.longest_s()) {
+        let problem = full.with_rig(start.clone()).with_horizon(horizon_s);
+        let stage = fit(&problem, problem.start(), &problem.bounds(), rough, Limits { iterations: 6, tolerance: 1e-3 });
+        if stage.cost.is_finite() {
+            start = problem.rig_at(&stage.point.parameters);
+        }
+    }
+    start
 }
 
 /// Full-horizon fit: initial states first, then everything; the noise follows the residual.
@@ -76,7 +93,7 @@ fn settled(problem: &Problem, rough: &[Colour], floors: &[f64]) -> Option<Hypoth
     let mut now = states_only(problem, problem.start(), rough, floors)?;
     for round in 0..3 {
         let noise = if round == 0 { rough.to_vec() } else { white(&now.residuals, floors) };
-        let limits = Limits { iterations: if round == 0 { 15 } else { 10 }, tolerance: 1e-5 };
+        let limits = Limits { iterations: if round == 0 { 15 } else { 6 }, tolerance: 1e-4 };
         let next = Hypothesis::fitted(problem.clone(), now.point.clone(), &noise, floors, limits)?;
         now = next;
     }
@@ -86,12 +103,7 @@ fn settled(problem: &Problem, rough: &[Colour], floors: &[f64]) -> Option<Hypoth
 /// The rig as it is: only the initial states are fitted.
 #[must_use]
 pub fn as_given(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f64]) -> Option<Hypothesis> {
-    let rough: Vec<Colour> = pooled
-        .std
-        .iter()
-        .zip(floors)
-        .map(|(s, f)| Colour::white(if f.is_finite() { 0.05 * s } else { f64::INFINITY }))
-        .collect();
+    let rough = rough(pooled, floors);
     let problem = Problem::new(rig.clone(), recordings.to_vec());
     let start = problem.start();
     let first = states_only(&problem, start, &rough, floors)?;

@@ -36,19 +36,18 @@ fn tangent(of: &Hypothesis, window: usize) -> Option<Tangent> {
     let forces = with_forces(&rigid);
     let theta = Theta::of(&forces);
     let (mut phi, mut gamma) = (Vec::new(), Vec::new());
-    let mut output = None;
+    let first = slice(&blank, rows.start.min(blank.times.len().saturating_sub(2)));
+    let map = coordinate_map(&forces, &theta, &first, of)?;
+    let output = output_map(&of.rig, &rigid, &first, &(&map * coordinates(&states[0])), of)?;
     for k in 0..rows.len() {
         let last = k + 1 == rows.len();
         let piece = slice(&blank, rows.start + k - usize::from(last));
-        let step = one_row(&forces, &theta, &piece, &states[k], of)?;
-        if output.is_none() {
-            output = Some(output_map(&of.rig, &rigid, &piece, &step.from_coordinates * coordinates(&states[k]), of)?);
-        }
+        let step = one_row(&forces, &theta, &piece, &(&map * coordinates(&states[k])), &map, of)?;
         phi.push(step.phi);
         gamma.push(step.gamma);
     }
     let t_s = recording.times[rows].to_vec();
-    Some(Tangent { recording: r, t_s, states, phi, gamma, output: output? })
+    Some(Tangent { recording: r, t_s, states, phi, gamma, output })
 }
 
 fn coordinates(state: &[f64]) -> DVector<f64> {
@@ -136,30 +135,40 @@ fn slice(recording: &Recording, k: usize) -> Recording {
     }
 }
 
-/// One row in the coordinates of the initial state.
+/// One row in the numbers of the initial state.
 struct Step {
     phi: DMatrix<f64>,
     gamma: DMatrix<f64>,
-    /// From coordinates and rates to the numbers of an initial state.
-    from_coordinates: DMatrix<f64>,
 }
 
-fn one_row(forces: &Rig, theta: &Theta, piece: &Recording, state: &[f64], of: &Hypothesis) -> Option<Step> {
+/// Derivatives of all probes at one of the two rows.
+fn probed(lin: &Linearised, row: usize, from: usize, count: usize) -> DMatrix<f64> {
+    let channels = lin.residual.len() / lin.rows.max(1);
+    DMatrix::from_fn(channels, count, |c, j| lin.jacobian[(c * lin.rows + row) * lin.columns + from + j])
+}
+
+/// From coordinates and rates to the numbers of an initial state. Coordinates are linear in it: any point will do.
+fn coordinate_map(forces: &Rig, theta: &Theta, piece: &Recording, of: &Hypothesis) -> Option<DMatrix<f64>> {
+    let rollout = Rollout::new(forces, piece, of.problem.fidelity).ok()?;
+    let n = rollout.initial_len();
+    let mut lin = Linearised::default();
+    rollout.linearise(theta, 0, &vec![0.0; n], &mut lin).ok()?;
+    probed(&lin, 0, theta.len(), n).pseudo_inverse(1e-9).ok()
+}
+
+fn one_row(
+    forces: &Rig,
+    theta: &Theta,
+    piece: &Recording,
+    x: &DVector<f64>,
+    map: &DMatrix<f64>,
+    of: &Hypothesis,
+) -> Option<Step> {
     let rollout = Rollout::new(forces, piece, of.problem.fidelity).ok()?;
     let (n, m) = (rollout.initial_len(), theta.len());
     let mut lin = Linearised::default();
-    let at = |row: usize, lin: &Linearised, from: usize, count: usize| {
-        DMatrix::from_fn(state.len(), count, |c, j| lin.jacobian[(c * lin.rows + row) * lin.columns + from + j])
-    };
-    // Coordinates are linear in the initial state, so any point gives the map.
-    rollout.linearise(theta, 0, &vec![0.0; n], &mut lin).ok()?;
-    let map = at(0, &lin, m, n);
-    let from_coordinates = map.clone().pseudo_inverse(1e-9).ok()?;
-    let x = &from_coordinates * coordinates(state);
     rollout.linearise(theta, 0, x.as_slice(), &mut lin).ok()?;
-    let next_state = at(1, &lin, m, n);
-    let next_force = at(1, &lin, 0, m);
-    Some(Step { phi: &from_coordinates * next_state, gamma: &from_coordinates * next_force, from_coordinates })
+    Some(Step { phi: map * probed(&lin, 1, m, n), gamma: map * probed(&lin, 1, 0, m) })
 }
 
 /// Readings of the rig's own sensors by the initial state.
@@ -167,7 +176,7 @@ fn output_map(
     rig: &Rig,
     rigid_probe: &Rig,
     piece: &Recording,
-    x: DVector<f64>,
+    x: &DVector<f64>,
     of: &Hypothesis,
 ) -> Option<DMatrix<f64>> {
     let mut own = known(rigid_probe);

@@ -76,6 +76,9 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut said: impl FnMut(&str)) 
     let (found, added, last) = forward(&base, library, &context, &mut said);
     let (found, added) = contested(found, added, experiment.rig.effects.len(), &context);
     let rest = unexplained(&found, &base, &context, &mut said);
+    let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
+    let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
+    let rest = rest.map(|(unlisted, _)| unlisted);
     let answer = Found { given, base, found, added, rest, refit_needed };
     let warnings = warnings(experiment, &dropped);
     let mut findings = answer.findings(experiment, &context, &last, warnings)?;

@@ -8,7 +8,7 @@ use crate::diagnose::tangent::{Tangent, force_column, local_force, reading_colum
 use rayon::prelude::*;
 
 /// Knots of a free curve over angle or rate: fine enough for a cogging of order 10 per travel, coarse enough for noise.
-const KNOTS: usize = 24;
+const KNOTS: usize = 40;
 
 /// A hit of a scan: where on the grid, and what it gains.
 #[derive(Clone, Debug)]

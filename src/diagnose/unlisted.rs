@@ -22,8 +22,6 @@ pub struct Unlisted {
     pub laws: Vec<Law>,
     /// Where it lives.
     pub places: Vec<Place>,
-    /// Gain of the best free curve.
-    pub gain: f64,
 }
 
 /// One way in which a free force could go with something.
@@ -36,37 +34,49 @@ struct Pattern {
     interval: Option<(usize, f64, f64)>,
 }
 
-/// Looks for structure in what `found` leaves.
+/// Looks for structure that the found effects do not explain: more than they do on the base alone (then they only
+/// mimic something else and the second result is true), or on top of them.
 #[must_use]
 pub fn unexplained(
     found: &Hypothesis,
     base: &Hypothesis,
     context: &Context,
     mut said: impl FnMut(&str),
-) -> Option<Unlisted> {
-    let windows = tangents(found)?;
-    let screen = Screen::new(&found.problem, &found.point, &found.noise)?;
-    let mut patterns = patterns(&found.rig, &screen, &windows);
+) -> Option<(Unlisted, bool)> {
+    let listed: f64 = found.blocks(&base.noise).iter().sum::<f64>() - base.blocks(&base.noise).iter().sum::<f64>();
+    let bar = (0.03 * context.samples as f64).max(80.0);
+    let (on_base, excess_base) = structure(base, &mut said)?;
+    said(&format!("  ... listed effects gain {listed:.0} in the same measure"));
+    if excess_base > bar && excess_base > 1.25 * listed + 60.0 {
+        return Some((on_base, true));
+    }
+    if excess_base < bar || found.rig == base.rig {
+        return None;
+    }
+    let (on_found, excess_found) = structure(found, &mut said)?;
+    // What is left may be the imperfect form of a right effect.
+    (excess_found > bar.max(0.3 * listed)).then_some((on_found, false))
+}
+
+/// The free force that explains most of what `of` leaves, and its gain beyond chance.
+fn structure(of: &Hypothesis, said: &mut impl FnMut(&str)) -> Option<(Unlisted, f64)> {
+    let windows = tangents(of)?;
+    let screen = Screen::new(&of.problem, &of.point, &of.noise)?;
+    let mut patterns = patterns(&of.rig, &screen, &windows);
     patterns.sort_by(|a, b| excess(b).total_cmp(&excess(a)));
     let best = patterns.first()?;
     said(&format!("free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
-    // A free force has many numbers: the bar is that of the library's effects, over what chance gives each number.
-    let explained = found.likelihood - base.likelihood;
-    let least = (0.03 * context.samples as f64).max(80.0).max(0.3 * explained);
-    if excess(best) < least {
-        return None;
-    }
-    let at = found.rig.mechanism.coordinates()[best.joint];
-    let sentence = sentence::unlisted(at, &best.over, share(found, best));
+    let at = of.rig.mechanism.coordinates()[best.joint];
+    let sentence = sentence::unlisted(at, &best.over, share(of, best));
     let entry = Missing {
         one_of: vec![Member { effect: "unlisted".into(), at: at.into(), weight: 1.0, parameters: BTreeMap::new() }],
         sentence,
     };
-    let laws = patterns.iter().filter_map(|p| p.curve.as_ref()).take(2).map(|c| law(found, c)).collect();
-    Some(Unlisted { entry, laws, places: located(found, best), gain: best.gain })
+    let laws = patterns.iter().filter_map(|p| p.curve.as_ref()).take(2).map(|c| law(of, c)).collect();
+    Some((Unlisted { entry, laws, places: located(of, best) }, excess(best)))
 }
 
-/// Gain beyond twice what its numbers bring by chance.
+/// Gain beyond three times what its numbers bring by chance.
 fn excess(p: &Pattern) -> f64 {
     p.gain - 3.0 * p.numbers as f64
 }

@@ -1,0 +1,153 @@
+//! Whole diagnoses: synthetic machines with and without something hidden, and a few of the shared cases.
+#![expect(clippy::unwrap_used, clippy::print_stderr, reason = "a test")]
+
+use compass::diagnose::pipeline::{Answer, diagnose};
+use compass::diagnose::verdict::Verdict;
+use compass::identify::experiment::Experiment;
+use compass::identify::rollout::{Fidelity, Readings, Rollout};
+use compass::model::rig::Rig;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const RIG: &str = r#"schema = 1
+name = "a pendulum for tests"
+mechanism = "pendulum"
+
+[parameters]
+inertia_kg_m2 = { value = 0.011, min = 0.005, max = 0.02 }
+gravity_nm = { value = 0.36, min = 0.2, max = 0.8 }
+
+[[actuator]]
+joint = "q1"
+column = "u"
+gain = { value = 0.05 }
+
+[[sensor]]
+measures = "q1"
+column = "q1_rad"
+
+[[effect]]
+effect = "viscous_friction"
+at = "q1"
+viscous = { value = 0.005, min = 0.0, max = 0.05 }
+"#;
+
+const ROWS: usize = 500;
+const STEP_S: f64 = 0.01;
+
+/// A recording of `rows` rows from `rig` (with whatever it hides), as CSV text. Noise: 0.5 mrad, white.
+fn recorded(rig: &Rig, seed: u64) -> String {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let phases: Vec<f64> = (0..7).map(|_| 6.28 * rng.random::<f64>()).collect();
+    let input = |k: usize| -> f64 {
+        let t = k as f64 * STEP_S;
+        phases.iter().enumerate().map(|(i, p)| 1.2 * (1.9 * (i + 1) as f64 * t + p).sin()).sum()
+    };
+    let mut text = String::from("t_s,u,q1_rad\n");
+    for k in 0..ROWS {
+        writeln!(text, "{},{},0", k as f64 * STEP_S, input(k)).unwrap();
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run_1.csv");
+    fs::write(&path, &text).unwrap();
+    let recording = compass::identify::experiment::Recording::load(rig, 0, &path).unwrap();
+    let rollout = Rollout::new(rig, &recording, Fidelity { refine: 2 }).unwrap();
+    let mut initial = vec![0.0; rollout.initial_len()];
+    initial[0] = 0.3;
+    let mut readings = Readings::default();
+    rollout.simulate(0, &initial, &mut readings).unwrap();
+    let mut text = String::from("t_s,u,q1_rad\n");
+    for (k, q) in readings.channels[0].iter().enumerate() {
+        let noise = 5e-4 * ((0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0);
+        writeln!(text, "{},{},{}", k as f64 * STEP_S, input(k), q + noise).unwrap();
+    }
+    text
+}
+
+/// A case of three recordings from a true inertia of 0.0095 and gravity of 0.33, with `hidden` added to the truth.
+fn case(hidden: &str) -> (tempfile::TempDir, Experiment) {
+    let recording = |i: usize| {
+        let usage = if i < 3 { "fit" } else { "heldout" };
+        format!("\n[[recording]]\nfile = \"run_{i}.csv\"\nuse = \"{usage}\"\n")
+    };
+    let files: String = (1..=3).map(recording).collect();
+    let truth = RIG.replace("0.011,", "0.0095,").replace("0.36,", "0.33,");
+    let truth = Rig::parse(&format!("{truth}{hidden}{files}"), "truth").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("rig.toml"), format!("{RIG}{files}")).unwrap();
+    for i in 1..=3 {
+        fs::write(folder.path().join(format!("run_{i}.csv")), recorded(&truth, i)).unwrap();
+    }
+    let experiment = Experiment::load(folder.path()).unwrap();
+    (folder, experiment)
+}
+
+fn answer(experiment: &Experiment) -> Answer {
+    diagnose(experiment, 0, |_| {}).unwrap()
+}
+
+fn named(answer: &Answer) -> Vec<String> {
+    let missing = &answer.findings.diagnosis.missing;
+    missing.iter().map(|m| format!("{}@{}", m.one_of[0].effect, m.one_of[0].at)).collect()
+}
+
+#[test]
+fn a_healthy_machine_with_wrong_parameters_is_called_healthy_and_its_parameters_are_found() {
+    let (_folder, experiment) = case("");
+    let answer = answer(&experiment);
+    assert_eq!(answer.findings.diagnosis.verdict, Verdict::Parameters, "{:?}", named(&answer));
+    let inertia = answer.model.parameters[0].value;
+    assert!((inertia / 0.0095 - 1.0).abs() < 0.01, "inertia {inertia}"); // five deviations of the fit
+}
+
+#[test]
+fn hidden_quadratic_drag_is_named_with_its_strength() {
+    let hidden = "\n[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = { value = 0.002 }\n";
+    let (_folder, experiment) = case(hidden);
+    let answer = answer(&experiment);
+    assert_eq!(named(&answer), ["quadratic_drag@q1"]);
+    let found = answer.findings.diagnosis.missing[0].one_of[0].parameters["quadratic"];
+    assert!((found.value / 0.002 - 1.0).abs() < 0.15, "{found:?}");
+    let held: Vec<_> = answer.findings.diagnosis.fit.iter().filter(|f| f.use_ == "heldout").collect();
+    assert!(held.iter().all(|f| f.nrmse_explained < 0.7 * f.nrmse_refitted), "{held:?}");
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    let hidden = "\n[[effect]]\neffect = \"sensor_bias\"\nat = \"q1_rad\"\nbias = { value = 0.02 }\n";
+    let (_folder, experiment) = case(hidden);
+    let json = || {
+        let mut diagnosis = answer(&experiment).findings.diagnosis;
+        diagnosis.seconds = 0.0;
+        serde_json::to_string(&diagnosis).unwrap()
+    };
+    let first = json();
+    assert!(first.contains("sensor_bias"), "{first}");
+    assert_eq!(first, json());
+}
+
+fn shared(case: &str) -> Option<PathBuf> {
+    let root = std::env::var("COMPASS_SHARED").map_or_else(|_| Path::new("../shared").to_path_buf(), PathBuf::from);
+    let path = root.join("cases").join(case);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("SKIPPED: {} is not there; set COMPASS_SHARED", path.display());
+    None
+}
+
+#[test]
+fn shared_cases_are_answered_as_known() {
+    for (case, verdict, wanted) in [
+        ("blind-dev/dev-001", Verdict::Parameters, vec![]),
+        ("blind-dev/dev-019", Verdict::Explained, vec!["quadratic_drag@q1"]),
+    ] {
+        let Some(path) = shared(case) else { return };
+        let answer = answer(&Experiment::load(&path).unwrap());
+        assert_eq!(answer.findings.diagnosis.verdict, verdict, "{case}: {:?}", named(&answer));
+        assert_eq!(named(&answer), wanted, "{case}");
+    }
+}
