@@ -88,13 +88,16 @@ pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
     out
 }
 
+/// A candidate, its best start and the cost that it promises.
+type Ranked<'c> = (&'c Candidate, Vec<f64>, f64);
+
 /// Gives each candidate its best start by the cost that one step promises; best candidates first. Also the cost now.
 fn screened<'c>(
     base: &Hypothesis,
     library: &'c [Candidate],
     noise: &[Colour],
     context: &Context,
-) -> (Vec<(&'c Candidate, Vec<f64>, f64)>, f64) {
+) -> (Vec<Ranked<'c>>, f64) {
     let starts: Vec<(&Candidate, &Vec<f64>)> =
         library.iter().flat_map(|c| c.starts.iter().map(move |s| (c, s))).collect();
     let costs: Vec<f64> = starts
@@ -104,7 +107,7 @@ fn screened<'c>(
             promise(&problem, &point, &problem.bounds(), noise).map_or(f64::INFINITY, |(at, after)| after.min(at))
         })
         .collect();
-    let mut best: Vec<(&Candidate, Vec<f64>, f64)> = Vec::new();
+    let mut best: Vec<Ranked<'_>> = Vec::new();
     for ((candidate, start), cost) in starts.into_iter().zip(costs) {
         match best.iter_mut().find(|(c, ..)| std::ptr::eq(*c, candidate)) {
             Some(entry) if cost < entry.2 => (entry.1, entry.2) = (start.clone(), cost),
@@ -122,11 +125,10 @@ fn screened<'c>(
 }
 
 /// The candidates worth a full fit: the best, and every lookalike of the best three at the same place or any.
-fn chosen<'c>(ranked: &[(&'c Candidate, Vec<f64>, f64)]) -> Vec<(&'c Candidate, Vec<f64>)> {
+fn chosen<'c>(ranked: &[Ranked<'c>]) -> Vec<(&'c Candidate, Vec<f64>)> {
     let leaders: Vec<&Candidate> = ranked.iter().take(3).map(|r| r.0).collect();
-    let wanted = |(i, (c, ..)): &(usize, &(&Candidate, Vec<f64>, f64))| {
-        *i < FITTED || leaders.iter().any(|l| look_alike(l.effect, c.effect))
-    };
+    let wanted =
+        |(i, (c, ..)): &(usize, &Ranked<'_>)| *i < FITTED || leaders.iter().any(|l| look_alike(l.effect, c.effect));
     ranked.iter().enumerate().filter(wanted).take(FITTED + 4).map(|(_, (c, s, _))| (*c, s.clone())).collect()
 }
 
