@@ -75,6 +75,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut said: impl FnMut(&str)) 
     };
     let (found, added, last) = forward(&base, library, &context, &mut said);
     let (found, added) = contested(found, added, experiment.rig.effects.len(), &context);
+    let found = settled(found, &context);
     let rest = unexplained(&found, &base, &context, &mut said);
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
@@ -95,6 +96,16 @@ pub fn again(first: &Hypothesis, recordings: &[Recording], floors: &[f64]) -> Op
     let now = Hypothesis::fitted(problem, first.point.clone(), &noise, floors, Limits::default())?;
     let finer = now.polished(&now.noise, floors, Limits { iterations: 8, tolerance: 1e-6 });
     Some(finer.filter(|f| f.likelihood > now.likelihood).unwrap_or(now))
+}
+
+/// The last fit of the answer, under the noise that it leaves and to the last digit that counts.
+fn settled(found: Hypothesis, context: &Context) -> Hypothesis {
+    let total = |h: &Hypothesis| -> f64 { h.blocks(&found.noise).iter().sum() };
+    let finer = found.polished(&found.noise, &context.floors, Limits { iterations: 25, tolerance: 1e-7 });
+    match finer {
+        Some(finer) if total(&finer) >= total(&found) => finer,
+        _ => found,
+    }
 }
 
 fn warnings(experiment: &Experiment, dropped: &[usize]) -> Vec<String> {
