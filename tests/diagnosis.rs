@@ -41,7 +41,7 @@ const STEP_S: f64 = 0.01;
 /// A recording of `rows` rows from `rig` (with whatever it hides), as CSV text. Noise: 0.5 mrad, white.
 fn recorded(rig: &Rig, seed: u64) -> String {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let phases: Vec<f64> = (0..7).map(|_| 6.28 * rng.random::<f64>()).collect();
+    let phases: Vec<f64> = (0..7).map(|_| std::f64::consts::TAU * rng.random::<f64>()).collect();
     let input = |k: usize| -> f64 {
         let t = k as f64 * STEP_S;
         phases.iter().enumerate().map(|(i, p)| 1.2 * (1.9 * (i + 1) as f64 * t + p).sin()).sum()
