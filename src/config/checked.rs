@@ -325,7 +325,7 @@ pub struct Control {
     pub observer_epsilon_s: f64,
     /// Time constant with which the attitude's bias is learnt, s; 0 = not at all.
     pub bias_time_s: f64,
-    /// Time constant of the attitude filter for an IMU that streams no attitude, s.
+    /// Leg angle: gyro for motion faster than this, the device's attitude or the accelerometer below, s.
     pub attitude_time_s: f64,
     /// LQR state weights on [theta_s, theta_w, rates].
     pub lqr_q: [f64; 4],

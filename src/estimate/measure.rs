@@ -86,7 +86,7 @@ impl Sensors {
             self.reset();
             return None;
         }
-        let leg_rad = self.leg_angle_rad(s)?;
+        let leg_rad = self.imu_offset_rad + self.imu_sign * self.attitude.update(&s.imu)?;
         let hip_now = self.hip_rate(s);
         let inner = leg_rad + s.leg_rate_rad_s * s.imu_age.as_s() - bias_rad;
         let hip = s.hip_angle_rad + hip_now.rate_rad_s * s.hip_age.as_s();
@@ -97,13 +97,6 @@ impl Sensors {
             rate_rad_s: [gyro, gyro - hip_now.rate_rad_s],
             prompt_rad_s: [mean, mean - hip_now.prompt_rad_s],
         })
-    }
-
-    fn leg_angle_rad(&mut self, s: &Snapshot) -> Option<f64> {
-        if s.imu.has_attitude {
-            return Some(s.leg_angle_rad);
-        }
-        self.attitude.update(&s.imu).map(|pitch| self.imu_offset_rad + self.imu_sign * pitch)
     }
 
     /// Rate of the hip angle by differences; holds between samples.

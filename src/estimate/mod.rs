@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`high_gain`] | observer of Thesis (4.14)-(4.17), corrected, around the nonlinear model with friction |
 //! | [`bias`] | what the IMU reads too much, learnt from the balance of angular momentum |
-//! | [`attitude`] | leg angle from gyro and accelerometer, for an IMU that streams no attitude |
+//! | [`attitude`] | leg angle: gyro for fast motion, device or accelerometer for slow |
 //! | [`contact`] | what a change of the stance leg does to the state |
 //!
 //! Two ways to go on, chosen by the corridor: [`Estimator::follow`] while disarmed (somebody may hold the robot, so the

@@ -126,3 +126,7 @@ const fn word(value: Value) -> u64 {
         Value::F64(v) => v.to_bits(),
     }
 }
+
+#[cfg(test)]
+#[path = "lockstep_tests.rs"]
+mod tests;
