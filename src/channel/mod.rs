@@ -1,9 +1,11 @@
-//! L2: named channels between threads and processes (iceoryx2): fixed size, shared memory, nobody waits.
+//! L2: channels between threads and processes: fixed size, nobody waits.
 //!
-//! [`topic`] holds names, types and buffer sizes; [`port`] publishes and subscribes. Ports belong to the thread that
-//! opened them. Wake-ups do not go through here: see `rt::wake`.
+//! [`ring`] is between the real-time threads of this process. [`topic`] and [`port`] are for everybody, also in other
+//! processes: named channels in shared memory (iceoryx2). Ports belong to the thread that opened them.
+//! Wake-ups do not go through here: see `rt::wake`.
 //!
-//! RT: publishing and receiving; opening is before arming only.
+//! RT: `ring`. A port does not wait either, but it allocates.
 
 pub mod port;
+pub mod ring;
 pub mod topic;

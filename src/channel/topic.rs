@@ -4,7 +4,7 @@
 //! message therefore meet on different services and see nothing of each other, instead of reading each other's bytes
 //! wrongly. RT: before arming only.
 
-use crate::msg::{BUSES, BusFrame, Element, ImuSample, Kind, OperatorSample, Shape, TickRecord};
+use crate::msg::{Element, Kind, OperatorSample, Shape, TickRecord};
 use std::marker::PhantomData;
 
 /// A channel: what it is called, what it carries, how much waits for a slow reader.
@@ -32,15 +32,8 @@ impl<T> Topic<T> {
     }
 }
 
-/// Frames received on each bus: I/O thread → control thread.
-pub const RECEIVED: [Topic<BusFrame>; BUSES] = [Topic::new("received/0", 64, 4), Topic::new("received/1", 64, 4)];
-/// IMU samples: I/O thread → control thread.
-pub const IMU: Topic<ImuSample> = Topic::new("imu", 32, 4);
-/// The operator's hand: whoever serves the device → control thread.
+/// The operator's hand: from whoever serves the device.
 pub const OPERATOR: Topic<OperatorSample> = Topic::new("operator", 8, 4);
-/// Ticks as the control thread hands them over: one reader, in this process, attached before arming. A reader that
-/// comes and goes would make the publisher map memory in the loop.
-pub const TICK_HANDOVER: Topic<TickRecord> = Topic::new("tick-handover", 512, 1);
 /// Ticks for everybody: recorder, terminal, other processes.
 pub const TICK: Topic<TickRecord> = Topic::new("tick", 512, 8);
 
@@ -121,7 +114,7 @@ mod tests {
 
     #[test]
     fn names_tell_robots_and_topics_apart() {
-        let names = [IMU.service_name("a"), IMU.service_name("b"), OPERATOR.service_name("a")];
+        let names = [TICK.service_name("a"), TICK.service_name("b"), OPERATOR.service_name("a")];
         assert!(names.iter().enumerate().all(|(i, n)| !names[..i].contains(n)));
     }
 }

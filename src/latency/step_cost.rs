@@ -6,8 +6,7 @@ use std::time::Instant;
 
 use super::our_chain::Step;
 use super::window::{PERCENTILES, Window};
-use crate::channel::port::{ChannelError, Endpoint};
-use crate::channel::topic;
+use crate::channel::ring::Ring;
 use crate::config::checked::{Config, ControllerKind};
 use crate::msg::{TickInput, TickOutput, TickRecord};
 use crate::report::table::{Align, Table};
@@ -20,9 +19,6 @@ pub enum CostError {
     /// No tick for this configuration.
     #[error(transparent)]
     Tick(#[from] TickError),
-    /// A channel did not open.
-    #[error(transparent)]
-    Channel(#[from] ChannelError),
 }
 
 /// One line of the table.
@@ -79,7 +75,7 @@ pub fn all(config: &Config, ticks: usize) -> Result<Costs, CostError> {
         costs.0.push(Cost { title, goals_us, window: steps(config, controller, &inputs)? });
     }
     let goals_us = [None, None, Some(0.2), None];
-    costs.0.push(Cost { title: "hand-over of a tick's record", goals_us, window: hand_over(inputs.len())? });
+    costs.0.push(Cost { title: "hand-over of a tick's record", goals_us, window: hand_over(inputs.len()) });
     Ok(costs)
 }
 
@@ -104,20 +100,17 @@ fn steps(config: &Config, controller: ControllerKind, inputs: &[TickInput]) -> R
     Ok(Window::new(timed.collect()))
 }
 
-fn hand_over(count: usize) -> Result<Window, ChannelError> {
-    let robot = format!("bench-hand-over-{}", std::process::id());
-    let endpoint = Endpoint::join(&robot)?;
-    let mut reader = endpoint.subscriber(&topic::TICK_HANDOVER)?;
-    let mut publisher = endpoint.publisher(&topic::TICK_HANDOVER)?;
+fn hand_over(count: usize) -> Window {
+    let ring = Ring::new(8);
     let record = TickRecord::default();
     let timed = (0..count).map(|_| {
         let start = Instant::now();
-        publisher.publish(&record);
+        ring.push(&record);
         let spent = start.elapsed().as_secs_f64() * 1e6;
-        std::hint::black_box(reader.receive());
+        std::hint::black_box(ring.pop());
         spent
     });
-    Ok(Window::new(timed.collect()))
+    Window::new(timed.collect())
 }
 
 /// A tick of this configuration that sees nothing, for the wake-up bench: the least that our thread ever does.

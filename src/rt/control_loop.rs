@@ -12,7 +12,7 @@ use super::tick::Tick;
 use crate::base::time::Span;
 use crate::bus::line::SYNC_FRAME;
 use crate::bus::{SendError, Transmit};
-use crate::channel::port::Publisher;
+use crate::channel::ring::Ring;
 use crate::config::checked::{RealTime, Trigger};
 use crate::msg::{BUSES, BusHealth, TickInput, TickRecord};
 use crate::sensor::operator::Hand;
@@ -45,7 +45,7 @@ pub struct ControlLoop<W, F> {
     /// The dead-man switch.
     pub hand: Hand,
     /// Finished ticks, for the relay.
-    pub handover: Publisher<TickRecord>,
+    pub handover: Arc<Ring<TickRecord>>,
     /// What a cycle waits for.
     pub awaited: Arc<Awaited>,
     /// Asks it to end.
@@ -59,16 +59,17 @@ pub struct ControlLoop<W, F> {
 }
 
 /// What goes on from tick to tick. Large, so it is made before the loop and not on the way.
-#[derive(Default)]
-struct Desk {
+#[derive(Debug, Default)]
+pub struct Desk {
     input: TickInput,
     record: TickRecord,
     link_down: [bool; BUSES],
 }
 
 impl<W: Walk, F: Feed> ControlLoop<W, F> {
-    /// Runs until the stop, and [`TICKS_TO_STOP`] ticks longer. `after_each` is called between ticks.
-    pub fn run(&mut self, mut after_each: impl FnMut()) {
+    /// Runs until the stop, and `TICKS_TO_STOP` ticks longer. `after_each` is called between ticks. Returns what it
+    /// worked on, so that the caller says when that is freed.
+    pub fn run(&mut self, mut after_each: impl FnMut()) -> Box<Desk> {
         let mut desk = Box::<Desk>::default();
         let mut cycle = Cycle::start(Monotonic, self.timing.period);
         let mut left = TICKS_TO_STOP;
@@ -79,6 +80,7 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
             after_each();
             left -= u32::from(desk.input.stop_requested);
         }
+        desk
     }
 
     fn take_input(&mut self, desk: &mut Desk, wake: Wake) {
@@ -117,8 +119,8 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
             }
         }
         let step_time: Span = clock::now().since(begin);
-        self.handover.publish(&desk.record);
-        self.progress.note(&desk.record, self.handover.refused());
+        self.handover.push(&desk.record);
+        self.progress.note(&desk.record);
         desk.input.step_time = step_time;
         desk.input.index += 1;
     }

@@ -1,18 +1,16 @@
 //! Where a tick's input comes from. RT: yes, no allocation.
 //!
-//! [`ThreadFeed`]: a thread per bus and for the IMU receives and hands over through channels. [`InlineFeed`]: the
+//! [`ThreadFeed`]: a thread per bus and for the IMU receives and hands over through rings. [`InlineFeed`]: the
 //! control thread itself sleeps on the descriptors (or spins on them), so that between a frame on the wire and the
 //! command there is one wake-up, or none.
 
 use super::awaited::Awaited;
 use super::clock;
-use super::io::{ImuPort, Seen};
+use super::io::{ImuPort, Inbox};
 use super::poll;
 use crate::base::time::Stamp;
 use crate::bus::Receive;
-use crate::channel::port::{ChannelError, Endpoint, Subscriber};
-use crate::channel::topic;
-use crate::msg::{BUSES, BusFrame, FrameBatch, ImuBatch, ImuSample, TickInput};
+use crate::msg::{BUSES, FrameBatch, ImuBatch, TickInput};
 use std::hint;
 use std::sync::Arc;
 
@@ -24,23 +22,17 @@ pub trait Feed {
     fn collect(&mut self, input: &mut TickInput);
 }
 
-/// Fed by I/O threads through channels.
+/// Fed by I/O threads through rings.
 pub struct ThreadFeed {
-    frames: [Subscriber<BusFrame>; BUSES],
-    imu: Subscriber<ImuSample>,
+    inbox: Arc<Inbox>,
     awaited: Arc<Awaited>,
-    seen: Arc<Seen>,
 }
 
 impl ThreadFeed {
-    /// Attaches to the channels; in the thread that will use it.
-    ///
-    /// # Errors
-    /// When a channel cannot be opened.
-    pub fn attach(channels: &Endpoint, awaited: Arc<Awaited>, seen: Arc<Seen>) -> Result<Self, ChannelError> {
-        let [a, b] = &topic::RECEIVED;
-        let frames = [channels.subscriber(a)?, channels.subscriber(b)?];
-        Ok(Self { frames, imu: channels.subscriber(&topic::IMU)?, awaited, seen })
+    /// Takes from this inbox.
+    #[must_use]
+    pub const fn new(inbox: Arc<Inbox>, awaited: Arc<Awaited>) -> Self {
+        Self { inbox, awaited }
     }
 }
 
@@ -50,18 +42,18 @@ impl Feed for ThreadFeed {
     }
 
     fn collect(&mut self, input: &mut TickInput) {
-        for (channel, batch) in self.frames.iter_mut().zip(&mut input.received) {
+        for (ring, batch) in self.inbox.frames.iter().zip(&mut input.received) {
             batch.clear();
-            while let Some(frame) = channel.receive() {
+            while let Some(frame) = ring.pop() {
                 batch.push(frame);
             }
         }
         input.imu.count = 0;
-        while let Some(sample) = self.imu.receive() {
+        while let Some(sample) = self.inbox.imu.pop() {
             input.imu.push(sample);
         }
-        input.imu.dropped = input.imu.dropped.max(self.seen.imu_lost());
-        input.bus_health = self.seen.health();
+        input.imu.dropped = input.imu.dropped.max(self.inbox.imu_lost());
+        input.bus_health = self.inbox.health();
     }
 }
 

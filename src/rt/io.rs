@@ -1,11 +1,11 @@
-//! Input: bytes and frames from their devices into channels, one thread per device. RT: yes; waits on descriptors.
+//! Input: bytes and frames from their devices into rings, one thread per device. RT: yes; waits on descriptors.
 
 use super::awaited::Awaited;
 use super::clock;
 use super::poll;
 use crate::base::time::{Span, Stamp};
 use crate::bus::Receive;
-use crate::channel::port::Publisher;
+use crate::channel::ring::Ring;
 use crate::msg::{BUSES, BusFrame, BusHealth, ImuBatch, ImuSample};
 use crate::sensor::imu::ImuReader;
 use std::os::fd::RawFd;
@@ -16,14 +16,34 @@ const LOOK_EVERY: Span = Span::from_ms(5);
 /// Bytes read at once: 16 ms of the fastest stream (USB adapters deliver so), and some.
 const CHUNK: usize = 2048;
 
-/// What the I/O threads see, for the control thread.
-#[derive(Debug, Default)]
-pub struct Seen {
+/// Frames that wait at most: three cycles of a full bus.
+const FRAMES_WAITING: usize = 64;
+/// IMU samples that wait at most.
+const SAMPLES_WAITING: usize = 32;
+
+/// What the I/O threads bring, for the control thread.
+#[derive(Debug)]
+pub struct Inbox {
+    /// Frames of each bus.
+    pub frames: [Ring<BusFrame>; BUSES],
+    /// Samples of the IMU.
+    pub imu: Ring<ImuSample>,
     health: [AtomicU8; BUSES],
     imu_lost: AtomicU32,
 }
 
-impl Seen {
+impl Default for Inbox {
+    fn default() -> Self {
+        Self {
+            frames: std::array::from_fn(|_| Ring::new(FRAMES_WAITING)),
+            imu: Ring::new(SAMPLES_WAITING),
+            health: Default::default(),
+            imu_lost: AtomicU32::new(0),
+        }
+    }
+}
+
+impl Inbox {
     /// Health of each bus.
     #[must_use]
     pub fn health(&self) -> [BusHealth; BUSES] {
@@ -83,30 +103,21 @@ impl ImuPort {
 }
 
 /// Hands over what the bus has; one turn of its thread.
-pub fn serve_bus(
-    bus: usize,
-    wire: &mut dyn Receive,
-    channel: &mut Publisher<BusFrame>,
-    awaited: &Awaited,
-    seen: &Seen,
-) {
+pub fn serve_bus(bus: usize, wire: &mut dyn Receive, inbox: &Inbox, awaited: &Awaited) {
     poll::readable([wire.readable_fd()], clock::now() + LOOK_EVERY);
+    let (Some(ring), Some(health)) = (inbox.frames.get(bus), inbox.health.get(bus)) else { return };
     while let Some(frame) = wire.receive() {
-        channel.publish(&frame);
+        ring.push(&frame);
         awaited.arrived(bus, &frame);
     }
-    if let Some(health) = seen.health.get(bus) {
-        health.store(wire.health() as u8, Ordering::Relaxed);
-    }
+    health.store(wire.health() as u8, Ordering::Relaxed);
 }
 
 /// Hands over what the IMU has; one turn of its thread.
-pub fn serve_imu(imu: &mut ImuPort, channel: &mut Publisher<ImuSample>, seen: &Seen) {
+pub fn serve_imu(imu: &mut ImuPort, inbox: &Inbox) {
     poll::readable([imu.readable_fd()], clock::now() + LOOK_EVERY);
     let mut batch = ImuBatch::default();
     imu.serve(clock::now(), &mut batch);
-    for sample in batch.as_slice() {
-        channel.publish(sample);
-    }
-    seen.imu_lost.fetch_max(batch.dropped, Ordering::Relaxed);
+    batch.as_slice().iter().for_each(|sample| inbox.imu.push(sample));
+    inbox.imu_lost.fetch_max(batch.dropped, Ordering::Relaxed);
 }

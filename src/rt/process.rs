@@ -12,24 +12,23 @@ use super::allocation;
 use super::awaited::Awaited;
 use super::control_loop::{ControlLoop, Walk};
 use super::feed::{Feed, InlineFeed, ThreadFeed};
-use super::io::{self, ImuPort, Seen};
+use super::io::{self, ImuPort, Inbox};
 use super::memory;
 use super::relay::{Observed, Relay, Sinks};
 use super::stop::{LastWords, Stop, StopGuard};
 use super::thread::{self as schedule, Awake, Missing};
 use crate::bus::{Receive, Transmit};
 use crate::channel::port::{ChannelError, Endpoint};
-use crate::channel::topic;
+use crate::channel::ring::Ring;
 use crate::config::checked::{Config, Input, RealTime, Thread};
 use crate::msg::{BUSES, FrameBatch, Mode, TickRecord};
 use crate::sensor::operator::Hand;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Barrier, mpsc};
-use std::thread::{self, Builder, JoinHandle};
-use std::time::{Duration, Instant};
+use std::thread::{Builder, JoinHandle};
 
-/// The relay gets so long to take the last ticks.
-const LONGEST_LINGER: Duration = Duration::from_secs(2);
+/// Ticks that wait for the relay at most: one second, 4 MB.
+const TICKS_WAITING: usize = 1000;
 
 /// Why the threads did not start.
 #[derive(Debug, thiserror::Error)]
@@ -86,14 +85,11 @@ pub struct Progress {
     pub ticks: AtomicU64,
     /// Frames that a wire refused.
     pub refused_frames: AtomicU64,
-    /// Ticks that could not be handed over.
-    pub refused_ticks: AtomicU64,
     mode: AtomicU8,
     was_armed: AtomicBool,
     allocations: AtomicU64,
     page_faults: AtomicU64,
     ended: AtomicBool,
-    drained: AtomicBool,
 }
 
 impl Progress {
@@ -109,9 +105,8 @@ impl Progress {
         self.ended.load(Ordering::Acquire)
     }
 
-    pub(super) fn note(&self, record: &TickRecord, refused: u64) {
+    pub(super) fn note(&self, record: &TickRecord) {
         self.ticks.store(record.input.index + 1, Ordering::Release);
-        self.refused_ticks.store(refused, Ordering::Relaxed);
         self.mode.store(record.status.mode as u8, Ordering::Relaxed);
         if record.status.mode == Mode::Armed {
             self.was_armed.store(true, Ordering::Relaxed);
@@ -156,8 +151,6 @@ pub struct Summary {
     pub missing: Missing,
     /// Frames that a wire refused.
     pub refused_frames: u64,
-    /// Ticks that could not be handed over.
-    pub refused_ticks: u64,
     /// Allocations of all real-time threads after arming; `None` if it never armed.
     pub allocations: Option<u64>,
     /// Page faults likewise.
@@ -209,7 +202,6 @@ impl Running {
             observed,
             missing: self.missing,
             refused_frames: self.progress.refused_frames.load(Ordering::Relaxed),
-            refused_ticks: self.progress.refused_ticks.load(Ordering::Relaxed),
             allocations: after_arming(&self.progress.allocations),
             page_faults: after_arming(&self.progress.page_faults),
             panicked,
@@ -220,9 +212,9 @@ impl Running {
 /// What all threads share while they start and run.
 #[derive(Clone)]
 struct Shared {
-    robot: String,
     awaited: Arc<Awaited>,
-    seen: Arc<Seen>,
+    inbox: Arc<Inbox>,
+    handover: Arc<Ring<TickRecord>>,
     progress: Arc<Progress>,
     stop: Stop,
     missing: Arc<AtomicU32>,
@@ -231,17 +223,12 @@ struct Shared {
 }
 
 impl Shared {
-    /// Sets the calling thread up; what it needs from the channels is opened by `open`. Then waits for the others.
-    fn enter<T>(
-        &self,
-        config: &Thread,
-        open: impl FnOnce(&Endpoint) -> Result<T, ChannelError>,
-    ) -> Option<(Endpoint, T)> {
+    /// Sets the calling thread up, tells whether it is ready, and waits for the others. `None`: it shall not run.
+    fn enter<T>(&self, config: &Thread, opened: Result<T, ProcessError>) -> Option<T> {
         self.missing.fetch_or(schedule::enter(config).0, Ordering::Relaxed);
-        let opened = Endpoint::join(&self.robot).and_then(|channels| open(&channels).map(|ports| (channels, ports)));
         let (result, opened) = match opened {
             Ok(opened) => (Ok(()), Some(opened)),
-            Err(error) => (Err(error.into()), None),
+            Err(error) => (Err(error), None),
         };
         // Nobody listens any more only if another thread has failed already.
         drop(self.ready.send(result));
@@ -251,15 +238,6 @@ impl Shared {
 
     fn running(&self) -> bool {
         !self.progress.ended.load(Ordering::Acquire)
-    }
-
-    /// The loop has ended, but its last ticks live in its own publisher: keep that until the relay has them.
-    fn linger(&self) {
-        self.progress.ended.store(true, Ordering::Release);
-        let end = Instant::now() + LONGEST_LINGER;
-        while !self.progress.drained.load(Ordering::Acquire) && Instant::now() < end {
-            thread::sleep(Duration::from_millis(1));
-        }
     }
 }
 
@@ -278,16 +256,16 @@ pub fn start<W: Walk + Send + 'static>(walk: W, parts: Parts) -> Result<Running,
     let threads = if timing.input == Input::Threads { BUSES + 3 } else { 2 };
     let (ready, reports) = mpsc::channel();
     let shared = Shared {
-        robot: parts.robot,
         awaited: Arc::new(Awaited::new(&parts.config.robot)),
-        seen: Arc::default(),
+        inbox: Arc::default(),
+        handover: Arc::new(Ring::new(TICKS_WAITING)),
         progress: Arc::default(),
         stop: parts.stop,
         missing: Arc::new(AtomicU32::new(missing.0)),
         start: Arc::new(Barrier::new(threads + 1)),
         ready,
     };
-    let relay = spawn_relay(&shared, parts.sinks, timing.flight_recorder_ticks)?;
+    let relay = spawn_relay(&shared, parts.robot, parts.sinks, timing.flight_recorder_ticks)?;
     let [bus0, bus1] = parts.buses;
     let words = LastWords { frames: parts.stop_frames, wires: [bus0.last_words, bus1.last_words] };
     let desk =
@@ -296,15 +274,13 @@ pub fn start<W: Walk + Send + 'static>(walk: W, parts: Parts) -> Result<Running,
     let (control, io) = match timing.input {
         Input::Threads => {
             let io = spawn_io(&shared, &timing, inputs, parts.imu)?;
-            let attach =
-                |channels: &Endpoint, s: &Shared| ThreadFeed::attach(channels, s.awaited.clone(), s.seen.clone());
-            (spawn_control(&shared, timing, desk, attach)?, io)
+            let feed = ThreadFeed::new(shared.inbox.clone(), shared.awaited.clone());
+            (spawn_control(&shared, timing, desk, feed)?, io)
         }
         Input::Inline | Input::Busy => {
             let busy = timing.input == Input::Busy;
-            let attach =
-                move |_: &Endpoint, s: &Shared| Ok(InlineFeed::new(inputs, parts.imu, s.awaited.clone(), busy));
-            (spawn_control(&shared, timing, desk, attach)?, Vec::new())
+            let feed = InlineFeed::new(inputs, parts.imu, shared.awaited.clone(), busy);
+            (spawn_control(&shared, timing, desk, feed)?, Vec::new())
         }
     };
     let result = (0..threads).try_for_each(|_| reports.recv().unwrap_or(Err(ProcessError::Lost("starting"))));
@@ -337,13 +313,18 @@ struct Desk<W> {
 /// A thread that needs no scheduling but a touched stack.
 const ORDINARY: Thread = Thread { priority: 0, core: None, stack_bytes: 256 * 1024 };
 
-fn spawn_relay(shared: &Shared, sinks: Sinks, flight_ticks: usize) -> Result<JoinHandle<Observed>, ProcessError> {
+fn spawn_relay(
+    shared: &Shared,
+    robot: String,
+    sinks: Sinks,
+    flight_ticks: usize,
+) -> Result<JoinHandle<Observed>, ProcessError> {
     let shared = shared.clone();
     let body = move || {
-        let relay = shared.enter(&ORDINARY, |channels| Relay::attach(channels, sinks, flight_ticks));
-        let observed = relay.map_or_else(Observed::default, |(_channels, relay)| relay.run(|| !shared.running()));
-        shared.progress.drained.store(true, Ordering::Release);
-        observed
+        let inlet = shared.handover.clone();
+        let relay = Endpoint::join(&robot).and_then(|channels| Relay::attach(&channels, inlet, sinks, flight_ticks));
+        let relay = shared.enter(&ORDINARY, relay.map_err(ProcessError::from));
+        relay.map_or_else(Observed::default, |relay| relay.run(|| !shared.running()))
     };
     Ok(Builder::new().name("relay".into()).spawn(body)?)
 }
@@ -356,59 +337,59 @@ fn spawn_io(
 ) -> Result<Vec<JoinHandle<()>>, ProcessError> {
     let mut threads = Vec::new();
     for ((bus, mut wire), config) in buses.into_iter().enumerate().zip(timing.bus) {
-        let shared = shared.clone();
-        let body = move || {
-            let topic = topic::RECEIVED.get(bus).unwrap_or(&topic::RECEIVED[0]);
-            let Some((_channels, mut out)) = shared.enter(&config, |channels| channels.publisher(topic)) else {
-                return;
-            };
+        let turn = move |shared: &Shared| io::serve_bus(bus, wire.as_mut(), &shared.inbox, &shared.awaited);
+        threads.push(spawn_turns(shared, &format!("bus{bus}"), config, turn)?);
+    }
+    let turn = move |shared: &Shared| io::serve_imu(&mut imu, &shared.inbox);
+    threads.push(spawn_turns(shared, "imu", timing.imu, turn)?);
+    Ok(threads)
+}
+
+/// A thread that does the same again and again until the loop has ended.
+fn spawn_turns(
+    shared: &Shared,
+    name: &str,
+    config: Thread,
+    mut turn: impl FnMut(&Shared) + Send + 'static,
+) -> Result<JoinHandle<()>, ProcessError> {
+    let shared = shared.clone();
+    let body = move || {
+        if shared.enter(&config, Ok(())).is_some() {
             let mut vigil = Vigil::new(&shared.progress);
             while shared.running() {
-                io::serve_bus(bus, wire.as_mut(), &mut out, &shared.awaited, &shared.seen);
+                turn(&shared);
                 vigil.look();
             }
-        };
-        threads.push(builder(&format!("bus{bus}"), &config).spawn(body)?);
-    }
-    let (shared, config) = (shared.clone(), timing.imu);
-    let body = move || {
-        let Some((_channels, mut out)) = shared.enter(&config, |channels| channels.publisher(&topic::IMU)) else {
-            return;
-        };
-        let mut vigil = Vigil::new(&shared.progress);
-        while shared.running() {
-            io::serve_imu(&mut imu, &mut out, &shared.seen);
-            vigil.look();
         }
     };
-    threads.push(builder("imu", &config).spawn(body)?);
-    Ok(threads)
+    Ok(builder(name, &config).spawn(body)?)
 }
 
 fn spawn_control<W, F>(
     shared: &Shared,
     timing: RealTime,
     desk: Desk<W>,
-    attach: impl FnOnce(&Endpoint, &Shared) -> Result<F, ChannelError> + Send + 'static,
+    feed: F,
 ) -> Result<JoinHandle<()>, ProcessError>
 where
     W: Walk + Send + 'static,
-    F: Feed,
+    F: Feed + Send + 'static,
 {
     let (shared, config) = (shared.clone(), timing.control);
     let body = move || {
-        let open = |channels: &Endpoint| Ok((channels.publisher(&topic::TICK_HANDOVER)?, attach(channels, &shared)?));
-        let opened = shared.enter(&config, open);
+        let may_run = shared.enter(&config, Ok(())).is_some();
         // From here on, whatever happens, the drives are told to stop.
-        let guard = StopGuard::new(desk.words, shared.stop.clone());
-        let Some((_channels, (handover, feed))) = opened else { return };
+        let _guard = StopGuard::new(desk.words, shared.stop.clone());
+        if !may_run {
+            return;
+        }
         let missing = Missing(shared.missing.load(Ordering::Relaxed)).needed();
         let mut control = ControlLoop {
             walk: desk.walk,
             feed,
             wires: desk.wires,
             hand: desk.hand,
-            handover,
+            handover: shared.handover.clone(),
             awaited: shared.awaited.clone(),
             stop: shared.stop.clone(),
             progress: shared.progress.clone(),
@@ -416,10 +397,9 @@ where
             real_time_missing: if desk.simulated { 0 } else { missing.0 },
         };
         let mut vigil = Vigil::new(&shared.progress);
-        control.run(|| vigil.look());
+        let desk = control.run(|| vigil.look());
         drop(vigil);
-        drop(guard);
-        shared.linger();
+        drop(desk);
     };
     Ok(builder("control", &config).spawn(body)?)
 }

@@ -5,10 +5,12 @@
 
 use super::flight::FlightRecorder;
 use super::stats::LoopStats;
-use crate::channel::port::{ChannelError, Endpoint, Publisher, Subscriber};
+use crate::channel::port::{ChannelError, Endpoint, Publisher};
+use crate::channel::ring::Ring;
 use crate::channel::topic;
 use crate::msg::{Fault, TickRecord};
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
@@ -37,13 +39,13 @@ pub struct Observed {
     pub faults: Vec<Fault>,
     /// The last tick.
     pub last: Box<TickRecord>,
-    /// Ticks that the loop handed over and the relay was too slow for.
+    /// Ticks that had no room on their way to the relay.
     pub missed: u64,
 }
 
 /// The relay.
 pub(super) struct Relay {
-    inlet: Subscriber<TickRecord>,
+    inlet: Arc<Ring<TickRecord>>,
     everybody: Publisher<TickRecord>,
     sinks: Sinks,
     flight: FlightRecorder,
@@ -51,10 +53,15 @@ pub(super) struct Relay {
 }
 
 impl Relay {
-    /// Attaches; in the thread that will run it, before the control thread publishes.
-    pub(super) fn attach(channels: &Endpoint, sinks: Sinks, flight_ticks: usize) -> Result<Self, ChannelError> {
+    /// Attaches; in the thread that will run it.
+    pub(super) fn attach(
+        channels: &Endpoint,
+        inlet: Arc<Ring<TickRecord>>,
+        sinks: Sinks,
+        flight_ticks: usize,
+    ) -> Result<Self, ChannelError> {
         Ok(Self {
-            inlet: channels.subscriber(&topic::TICK_HANDOVER)?,
+            inlet,
             everybody: channels.publisher(&topic::TICK)?,
             sinks,
             flight: FlightRecorder::new(flight_ticks),
@@ -66,7 +73,7 @@ impl Relay {
     pub(super) fn run(mut self, done: impl Fn() -> bool) -> Observed {
         loop {
             let last_round = done();
-            while let Some(record) = self.inlet.receive() {
+            while let Some(record) = self.inlet.pop() {
                 self.serve(&record);
             }
             if last_round {
@@ -75,7 +82,7 @@ impl Relay {
             thread::sleep(POLL);
         }
         self.dump_now();
-        self.observed.missed = self.inlet.missed();
+        self.observed.missed = self.inlet.lost();
         self.observed
     }
 
