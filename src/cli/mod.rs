@@ -9,8 +9,10 @@ mod bench;
 mod check_config;
 pub mod config_args;
 mod diagnose;
+mod doctor;
 mod identify;
 mod inspect;
+mod operator;
 mod outcome;
 mod plant;
 pub mod progress;
@@ -44,6 +46,8 @@ struct Cli {
 enum Command {
     Diagnose(diagnose::Args),
     Identify(identify::Args),
+    Doctor(doctor::Args),
+    Operator(operator::Args),
     Run(Box<run::Args>),
     Score(score::Args),
     Trial(trial::Args),
@@ -60,6 +64,8 @@ impl Run for Command {
         match self {
             Self::Diagnose(args) => args.run(),
             Self::Identify(args) => args.run(),
+            Self::Doctor(args) => args.run(),
+            Self::Operator(args) => args.run(),
             Self::Run(args) => args.run(),
             Self::Score(args) => args.run(),
             Self::Trial(args) => args.run(),

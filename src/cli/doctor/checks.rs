@@ -1,0 +1,246 @@
+//! What is looked at, by reading /proc and /sys and by trying. RT: no.
+
+use super::{Finding, Verdict};
+use crate::bus::socketcan::link_report;
+use crate::config::checked::{BusBackend, Config, SerialBackend, Thread};
+use crate::rt::thread::{self, Awake, Missing};
+use std::fs;
+use std::path::Path;
+
+/// Lowest RLIMIT_MEMLOCK that holds the process, bytes, when it is not unlimited.
+const MEMLOCK_ENOUGH: u64 = 256 << 20;
+/// A longer queue keeps old commands for too long.
+const LONGEST_CAN_QUEUE: u32 = 32;
+/// Steal beyond this share of the time since boot is worth a warning.
+const STEAL_SHARE: f64 = 0.01;
+
+/// Every check, in the order of importance.
+pub(super) fn all(config: &Config) -> Vec<Finding> {
+    let mut findings = vec![kernel(), fifo(config), cores(config), memlock(), throttling(), cpu_dma_latency()];
+    findings.extend([governor(), command_line(), clocksource(), swap(), huge_pages(), shared_memory(), steal()]);
+    findings.push(irq_affinity(config));
+    for (index, bus) in config.robot.buses.iter().enumerate() {
+        if let BusBackend::SocketCan(name) = &bus.backend {
+            findings.extend(can_link(index, name, bus.bitrate));
+        }
+    }
+    if let SerialBackend::Device(path) = &config.robot.imu.backend {
+        findings.push(serial(path));
+    }
+    findings
+}
+
+fn read(path: &str) -> Option<String> {
+    Some(fs::read_to_string(path).ok()?.trim().to_owned())
+}
+
+fn good_if(good: bool, otherwise: Verdict) -> Verdict {
+    if good { Verdict::Good } else { otherwise }
+}
+
+fn kernel() -> Finding {
+    let version = read("/proc/sys/kernel/version").unwrap_or_else(|| "unknown".into());
+    let real_time = version.contains("PREEMPT_RT") || read("/sys/kernel/realtime").as_deref() == Some("1");
+    Finding::new(good_if(real_time, Verdict::Bad), "kernel", version, "install linux-image-rt-amd64 and boot it")
+}
+
+fn fifo(config: &Config) -> Finding {
+    let wanted = threads(config).iter().map(|t| t.priority).max().unwrap_or(0);
+    let asked = Thread { priority: wanted, core: None, stack_bytes: 64 * 1024 };
+    // On a thread of its own, so that this one stays ordinary.
+    let missing = std::thread::spawn(move || thread::enter(&asked)).join().unwrap_or(Missing::FIFO);
+    let granted = missing == Missing::default();
+    let found = if granted { format!("SCHED_FIFO {wanted} granted") } else { format!("SCHED_FIFO {wanted} refused") };
+    Finding::new(good_if(granted, Verdict::Bad), "priority", found, "LimitRTPRIO=95 in the unit, or CAP_SYS_NICE")
+}
+
+fn threads(config: &Config) -> [Thread; 4] {
+    let timing = &config.real_time;
+    [timing.control, timing.bus[0], timing.bus[1], timing.imu]
+}
+
+fn cores(config: &Config) -> Finding {
+    let there = core_affinity::get_core_ids().unwrap_or_default();
+    let outside = threads(config).iter().filter_map(|t| t.core).find(|core| !there.iter().any(|c| c.id == *core));
+    let (verdict, found) = match outside {
+        Some(core) => (Verdict::Bad, format!("core {core} is not among the {} allowed ones", there.len())),
+        None if there.len() < 2 => (Verdict::Warn, "one core for everything".into()),
+        None => (Verdict::Good, format!("{} cores allowed", there.len())),
+    };
+    Finding::new(verdict, "cores", found, "change rt.threads.*.core, or CPUAffinity= of the unit")
+}
+
+fn memlock() -> Finding {
+    let limits = read("/proc/self/limits").unwrap_or_default();
+    let line = limits.lines().find(|line| line.starts_with("Max locked memory")).unwrap_or("");
+    let soft = line.split_whitespace().nth(3).unwrap_or("0");
+    let enough = soft == "unlimited" || soft.parse().is_ok_and(|bytes: u64| bytes >= MEMLOCK_ENOUGH) || may_lock();
+    let found = format!("RLIMIT_MEMLOCK {soft}{}", if may_lock() { ", CAP_IPC_LOCK" } else { "" });
+    Finding::new(good_if(enough, Verdict::Bad), "locked memory", found, "LimitMEMLOCK=infinity, or CAP_IPC_LOCK")
+}
+
+/// CAP_IPC_LOCK is bit 14 of the effective set.
+fn may_lock() -> bool {
+    let status = read("/proc/self/status").unwrap_or_default();
+    let set = status.lines().find_map(|line| line.strip_prefix("CapEff:")).unwrap_or("0");
+    u64::from_str_radix(set.trim(), 16).is_ok_and(|bits| bits & (1 << 14) != 0)
+}
+
+fn throttling() -> Finding {
+    let runtime = read("/proc/sys/kernel/sched_rt_runtime_us").unwrap_or_else(|| "unknown".into());
+    let remedy = "sysctl kernel.sched_rt_runtime_us=-1, only with a hardware watchdog: at 950000 a thread that spins \
+                  loses 50 ms of each second";
+    Finding::new(good_if(runtime == "-1", Verdict::Warn), "FIFO throttling", format!("{runtime} us per s"), remedy)
+}
+
+fn cpu_dma_latency() -> Finding {
+    let granted = Awake::hold().is_some();
+    let found = if granted { "may be held at 0" } else { "not writable" };
+    let remedy = "DeviceAllow=/dev/cpu_dma_latency rw and a udev rule for the group";
+    Finding::new(good_if(granted, Verdict::Warn), "cpu_dma_latency", found, remedy)
+}
+
+fn governor() -> Finding {
+    let path = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor";
+    let Some(governor) = read(path) else {
+        return Finding::new(Verdict::Good, "governor", "none (the firmware or the host decides)", "");
+    };
+    let good = governor == "performance";
+    Finding::new(good_if(good, Verdict::Warn), "governor", governor, "cpupower frequency-set -g performance")
+}
+
+fn command_line() -> Finding {
+    let line = read("/proc/cmdline").unwrap_or_default();
+    let isolated = ["isolcpus=", "nohz_full=", "rcu_nocbs="].iter().filter(|key| line.contains(*key)).count();
+    let remedy = "isolcpus=managed_irq,domain,N nohz_full=N rcu_nocbs=N on the kernel's command line, for the core N \
+                  of the control thread";
+    let found = format!("{isolated} of isolcpus, nohz_full, rcu_nocbs");
+    Finding::new(good_if(isolated == 3, Verdict::Warn), "isolated cores", found, remedy)
+}
+
+fn clocksource() -> Finding {
+    let path = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+    let source = read(path).unwrap_or_else(|| "unknown".into());
+    let fast = source == "tsc" || source == "arch_sys_counter" || source == "kvm-clock";
+    Finding::new(
+        good_if(fast, Verdict::Warn),
+        "clock source",
+        source,
+        "tsc=reliable, or look for why the kernel left it",
+    )
+}
+
+fn swap() -> Finding {
+    let lines = read("/proc/swaps").map_or(0, |text| text.lines().count().saturating_sub(1));
+    let found = if lines == 0 { "off".to_owned() } else { format!("{lines} in use") };
+    Finding::new(
+        good_if(lines == 0, Verdict::Warn),
+        "swap",
+        found,
+        "swapoff -a: locked memory stays, but the rest stalls",
+    )
+}
+
+fn huge_pages() -> Finding {
+    let modes = read("/sys/kernel/mm/transparent_hugepage/enabled").unwrap_or_else(|| "[never]".into());
+    let remedy = "echo madvise > /sys/kernel/mm/transparent_hugepage/enabled: merging pages stalls";
+    Finding::new(good_if(!modes.contains("[always]"), Verdict::Warn), "huge pages", modes, remedy)
+}
+
+fn shared_memory() -> Finding {
+    let there = fs::metadata("/dev/shm").is_ok_and(|meta| meta.is_dir() && !meta.permissions().readonly());
+    let found = if there { "/dev/shm is there" } else { "/dev/shm is missing or read-only" };
+    Finding::new(good_if(there, Verdict::Bad), "shared memory", found, "mount -t tmpfs tmpfs /dev/shm")
+}
+
+fn steal() -> Finding {
+    let text = read("/proc/stat").unwrap_or_default();
+    let share = steal_share(text.lines().next().unwrap_or(""));
+    let remedy = "a virtual machine whose host takes time away: use a real one, or give it cores of its own";
+    Finding::new(good_if(share <= STEAL_SHARE, Verdict::Warn), "stolen time", format!("{:.2} %", share * 100.0), remedy)
+}
+
+/// Share of stolen time in the line `cpu user nice system idle iowait irq softirq steal ...`.
+fn steal_share(line: &str) -> f64 {
+    let times: Vec<f64> = line.split_whitespace().skip(1).filter_map(|word| word.parse().ok()).collect();
+    let total: f64 = times.iter().take(8).sum();
+    times.get(7).map_or(0.0, |steal| if total > 0.0 { steal / total } else { 0.0 })
+}
+
+fn irq_affinity(config: &Config) -> Finding {
+    let Some(core) = config.real_time.control.core else {
+        let remedy = "give the control thread a core: rt.threads.control.core";
+        return Finding::new(Verdict::Warn, "interrupts", "the control thread is not pinned", remedy);
+    };
+    let text = read("/proc/irq/default_smp_affinity").unwrap_or_default().replace(',', "");
+    let away = u128::from_str_radix(&text, 16).is_ok_and(|mask| mask & (1 << core.min(127)) == 0);
+    let found = format!("default mask {text}, control on core {core}");
+    Finding::new(
+        good_if(away, Verdict::Warn),
+        "interrupts",
+        found,
+        "irqaffinity= without that core on the command line",
+    )
+}
+
+fn can_link(index: usize, name: &str, bitrate: u32) -> Vec<Finding> {
+    let what = format!("bus {index}: {name}");
+    let set_up = format!("ip link set {name} up type can bitrate {bitrate} restart-ms 100 berr-reporting on");
+    let Ok(link) = link_report::inspect(name) else {
+        return vec![Finding::new(Verdict::Bad, &what, "no such interface", &set_up)];
+    };
+    let up = if link.is_up { "up" } else { "down" };
+    let rate = link.bitrate.map_or_else(|| "no bit rate (virtual)".to_owned(), |rate| format!("{rate} bit/s"));
+    let right_rate = link.bitrate.is_none_or(|rate| rate == bitrate);
+    let restarts = link.restart_ms.is_none_or(|ms| ms > 0);
+    let after = link.restart_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms} ms"));
+    let queue = link.tx_queue_len.unwrap_or(0);
+    let may = link_report::may_change_links();
+    let changes = if may { "may be taken down and up" } else { "may not be taken down and up" };
+    let shorten = format!("ip link set {name} txqueuelen 10: a long queue keeps old commands");
+    let capability = "CAP_NET_ADMIN (AmbientCapabilities= of the unit)";
+    vec![
+        Finding::new(good_if(link.is_up && right_rate, Verdict::Bad), &what, format!("{up}, {rate}"), &set_up),
+        Finding::new(good_if(restarts, Verdict::Bad), &what, format!("restart after bus-off {after}"), &set_up),
+        Finding::new(good_if(queue <= LONGEST_CAN_QUEUE, Verdict::Warn), &what, format!("queue {queue}"), &shorten),
+        Finding::new(good_if(may, Verdict::Bad), &what, changes, capability),
+    ]
+}
+
+fn serial(path: &str) -> Finding {
+    let what = format!("IMU: {path}");
+    if !Path::new(path).exists() {
+        return Finding::new(Verdict::Bad, &what, "no such device", "plug it in; a udev rule gives it a lasting name");
+    }
+    let device = fs::canonicalize(path).ok().and_then(|p| Some(p.file_name()?.to_string_lossy().into_owned()));
+    let timer = device.and_then(|name| read(&format!("/sys/bus/usb-serial/devices/{name}/latency_timer")));
+    match timer.and_then(|text| text.parse::<u32>().ok()) {
+        None => Finding::new(Verdict::Good, &what, "no latency timer", ""),
+        Some(ms) => {
+            let remedy = "echo 1 > /sys/bus/usb-serial/devices/NAME/latency_timer, or setserial NAME low_latency";
+            Finding::new(good_if(ms <= 1, Verdict::Bad), &what, format!("latency timer {ms} ms"), remedy)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config;
+
+    #[test]
+    fn stolen_time_is_the_eighth_number() {
+        assert!((steal_share("cpu  10 0 10 70 0 0 0 10 0 0") - 0.1).abs() < 1e-12);
+        assert!(steal_share("").abs() < 1e-12);
+    }
+
+    #[test]
+    fn whatever_is_not_good_has_a_remedy() {
+        let mut config = config::load(None, &[]).unwrap().config;
+        config.robot.buses[0].backend = BusBackend::SocketCan("nosuchcan".into());
+        config.robot.imu.backend = SerialBackend::Device("/dev/nosuchtty".into());
+        let findings = all(&config);
+        assert!(findings.iter().all(|f| (f.verdict == Verdict::Good) == f.remedy.is_empty()), "{findings:#?}");
+        assert_eq!(findings.iter().filter(|f| f.found.starts_with("no such")).count(), 2);
+    }
+}
