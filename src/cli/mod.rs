@@ -15,11 +15,13 @@ mod inspect;
 mod operator;
 mod outcome;
 mod plant;
+mod predict;
 pub mod progress;
 mod replay;
 mod run;
 mod score;
 mod sim;
+mod simulate;
 mod trial;
 
 use clap::{Parser, Subcommand};
@@ -49,6 +51,8 @@ enum Command {
     Doctor(doctor::Args),
     Operator(operator::Args),
     Run(Box<run::Args>),
+    Predict(predict::Args),
+    Simulate(simulate::Args),
     Score(score::Args),
     Trial(trial::Args),
     Bench(bench::Args),
@@ -67,6 +71,8 @@ impl Run for Command {
             Self::Doctor(args) => args.run(),
             Self::Operator(args) => args.run(),
             Self::Run(args) => args.run(),
+            Self::Predict(args) => args.run(),
+            Self::Simulate(args) => args.run(),
             Self::Score(args) => args.run(),
             Self::Trial(args) => args.run(),
             Self::Bench(args) => args.run(),

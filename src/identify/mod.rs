@@ -10,4 +10,5 @@ pub mod identifiability;
 pub mod noise;
 pub mod problem;
 pub mod rollout;
+pub mod synthesis;
 pub mod theta;

@@ -1,0 +1,169 @@
+//! `compass predict MODEL.toml [RECORDING.csv]`: free runs of a model, as the diagnosis contract defines them. RT: no.
+
+use super::{Outcome, Run, UsageError};
+use crate::identify::experiment::{Recording, load_rig};
+use crate::identify::rollout::{FreeRun, Pooled, free_run};
+use crate::model::rig::{RecordingEntry, Rig, Setup, Use};
+use crate::report::plot::comparison;
+use crate::report::table::{Align, Table};
+use anyhow::Context;
+use std::fmt::Write as _;
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Runs a model freely against a recording and prints how far they are apart.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  compass predict cases/real/sydney_pendulum_inner/rig.toml            all recordings beside the rig
+  compass predict model.toml run_c.csv --out run_c_predicted.csv       one; a plot goes beside: run_c_predicted.svg
+
+A free run follows the recorded inputs; only the initial state of each window is fitted. NRMSE: error over the
+standard deviation of the channel, pooled over the recordings of the same use.
+Exit codes: 0 done, 2 usage, 3 bad input.")]
+pub(crate) struct Args {
+    /// Model or rig file
+    model: PathBuf,
+    /// Recording; without it every recording that the file names, beside it
+    recording: Option<PathBuf>,
+    /// Where the prediction goes: a CSV file (a folder if no recording is named)
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Free runs restart this often, s (instead of what the file says)
+    #[arg(long, value_name = "S")]
+    window_s: Option<f64>,
+    /// Set-up of a recording that the file does not name (compass gait)
+    #[arg(long)]
+    setup: Option<String>,
+    /// Stance column of a recording that the file does not name
+    #[arg(long, value_name = "COLUMN")]
+    stance_column: Option<String>,
+}
+
+impl Run for Args {
+    fn run(self) -> anyhow::Result<Outcome> {
+        let mut rig = load_rig(&self.model)?;
+        let targets = self.targets(&mut rig)?;
+        let mut table = Table::new(&[
+            ("recording", Align::Left),
+            ("use", Align::Left),
+            ("channel", Align::Left),
+            ("RMSE", Align::Right),
+            ("NRMSE", Align::Right),
+        ]);
+        for (index, path) in targets {
+            let recording = Recording::load(&rig, index, &path)?;
+            let pooled = self.pooled(&rig, &recording, &path);
+            let run = free_run(&rig, &recording, &pooled)?;
+            for (sensor, (error, std)) in rig.sensors.iter().zip(run.nrmse.iter().zip(&pooled.std)) {
+                let usage = if recording.usage == Use::Fit { "fit" } else { "heldout" };
+                let text = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.5}"));
+                table.push([
+                    recording.name.clone(),
+                    usage.to_owned(),
+                    sensor.column.clone(),
+                    text(error.map(|e| e * std)),
+                    text(*error),
+                ]);
+            }
+            self.write(&rig, &recording, &run)?;
+        }
+        writeln!(io::stdout().lock(), "{}", table.to_text())?;
+        Ok(Outcome::Fine)
+    }
+}
+
+impl Args {
+    /// Index in the rig and path of what shall be run.
+    fn targets(&self, rig: &mut Rig) -> anyhow::Result<Vec<(usize, PathBuf)>> {
+        if let Some(window_s) = self.window_s {
+            if window_s <= 0.0 {
+                return Err(UsageError(format!("--window-s {window_s}: must be above 0")).into());
+            }
+            rig.recordings.iter_mut().for_each(|r| r.window_s = Some(window_s));
+        }
+        let Some(path) = &self.recording else {
+            let folder = self.model.parent().unwrap_or(Path::new("."));
+            return Ok(rig.recordings.iter().map(|r| folder.join(&r.file)).enumerate().collect());
+        };
+        let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let index = match rig.recording_index(&file) {
+            Some(index) => index,
+            None => {
+                rig.recordings.push(self.entry(rig, file)?);
+                rig.recordings.len() - 1
+            }
+        };
+        Ok(vec![(index, path.clone())])
+    }
+
+    /// A recording that the file does not name.
+    fn entry(&self, rig: &Rig, file: String) -> anyhow::Result<RecordingEntry> {
+        let setup = self
+            .setup
+            .as_deref()
+            .map(|id| Setup::from_id(id).ok_or_else(|| UsageError(format!("--setup {id}: no such set-up"))));
+        let setup = setup.transpose()?;
+        if rig.mechanism.has_ground() && setup.is_none() {
+            return Err(
+                UsageError(format!("`{file}` is not in the model file: say how it was set up (--setup)")).into()
+            );
+        }
+        Ok(RecordingEntry {
+            file,
+            usage: Use::Heldout,
+            window_s: self.window_s,
+            setup,
+            stance_column: self.stance_column.clone(),
+            parameters: Vec::new(),
+            effects: Vec::new(),
+        })
+    }
+
+    /// Spread over the recordings of the same use that lie beside this one.
+    fn pooled(&self, rig: &Rig, recording: &Recording, path: &Path) -> Pooled {
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let same =
+            rig.recordings.iter().enumerate().filter(|(i, r)| r.usage == recording.usage && *i != recording.index);
+        let mut all: Vec<Recording> =
+            same.filter_map(|(i, r)| Recording::load(rig, i, &folder.join(&r.file)).ok()).collect();
+        all.push(recording.clone());
+        Pooled::of(rig, all.iter())
+    }
+
+    /// The prediction as CSV, and a plot of measured against simulated beside it.
+    fn write(&self, rig: &Rig, recording: &Recording, run: &FreeRun) -> anyhow::Result<()> {
+        let Some(out) = &self.out else { return Ok(()) };
+        let file = if self.recording.is_some() {
+            out.clone()
+        } else {
+            fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+            out.join(&recording.name)
+        };
+        let names: Vec<&str> = rig.sensors.iter().map(|s| s.column.as_str()).collect();
+        fs::write(&file, csv(&recording.times, &names, &run.predicted)).with_context(|| file.display().to_string())?;
+        let channels = names.iter().zip(recording.measured.iter().zip(&run.predicted));
+        let channels: Vec<(&str, &[f64], &[f64])> =
+            channels.map(|(name, (y, p))| (*name, y.as_slice(), p.as_slice())).collect();
+        let plot = file.with_extension("svg");
+        fs::write(&plot, comparison(&recording.times, &channels)).with_context(|| plot.display().to_string())
+    }
+}
+
+/// Columns as CSV text; numbers read back to the same bits, NaN is an empty cell.
+pub(super) fn csv(times: &[f64], names: &[&str], columns: &[Vec<f64>]) -> String {
+    let mut text = format!("t_s,{}\n", names.join(","));
+    for (row, t) in times.iter().enumerate() {
+        // Writing to a string cannot fail.
+        write!(text, "{t}").unwrap_or_default();
+        for column in columns {
+            match column.get(row) {
+                Some(x) if x.is_finite() => write!(text, ",{x}").unwrap_or_default(),
+                _ => text.push(','),
+            }
+        }
+        text.push('\n');
+    }
+    text
+}
