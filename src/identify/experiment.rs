@@ -55,7 +55,7 @@ pub struct Experiment {
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
     /// A file cannot be opened.
-    #[error("{}: {source}", path.display())]
+    #[error("{}", path.display())]
     File {
         /// Which.
         path: PathBuf,
@@ -63,7 +63,7 @@ pub enum ExperimentError {
         source: io::Error,
     },
     /// The rig file is wrong.
-    #[error("{0}")]
+    #[error(transparent)]
     Rig(#[from] RigErrors),
     /// A table is wrong.
     #[error("{}", .0.join("\n"))]

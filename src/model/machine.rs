@@ -26,6 +26,8 @@ mod events;
 mod motion;
 mod solve;
 mod start;
+#[cfg(test)]
+mod tests;
 
 use super::effect::actuator::Drive;
 use super::effect::drive::{Rotor, StructuralMode};

@@ -64,6 +64,8 @@ const APART: f64 = 0.08;
 const SLOWEST_REBOUND: f64 = 5e-3;
 /// A foot slower than this, m/s, sticks after an impact.
 const STICKS: f64 = 1e-9;
+/// A swing foot below this at the start of a run stands on the ground.
+const NEAR_GROUND_M: f64 = 0.01;
 /// A sprung toe shorter than this by, m, is not: rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -186,6 +188,11 @@ impl<S: Scalar> Machine<S> {
         } else {
             let stride = self.stride(y)?.value();
             if stride.abs() < APART * legs.length().value() || stride * self.feet.side > 0.0 {
+                return None;
+            }
+            // A foot that scuffed in mid-swing comes up again: the toe is retracted, nothing happens.
+            let rises = product(&self.foot_rows(y, true)?.normal, &y.v, self.n).value() > 0.0;
+            if rises {
                 return None;
             }
         }
@@ -410,6 +417,13 @@ impl<S: Scalar> Machine<S> {
         self.feet = Feet { told, ..Feet::default() };
         let Some(legs) = self.legs() else { return };
         let s = legs.stance();
+        // Feet apart and both on the ground: as after a touchdown, the swing foot is not armed on this side.
+        if let (Some(stride), Some(height)) = (self.stride(&self.y), self.swing_height(&self.y))
+            && stride.value().abs() > APART * legs.length().value()
+            && height.value() < NEAR_GROUND_M
+        {
+            self.feet.side = stride.sign();
+        }
         let (angle, rate) = (self.y.q[s] + legs.slope(), self.y.v[s]);
         let weight = legs.mass() * legs.gravity();
         let (sin, cos) = angle.sin_cos();

@@ -231,7 +231,9 @@ impl<S: Scalar> Machine<S> {
             // The flow does not jump here, so the instant does not matter to first order.
             Guard::Release(_) | Guard::Part(_) | Guard::SlideStart => return S::zero(),
         };
-        if rate.value().abs() < f64::MIN_POSITIVE { S::zero() } else { -((g - g.value()) / rate.value()) }
+        // A foot that is armed below the ground does not cross it: no instant to move.
+        let crosses = g.value().abs() < OFF_GUARD && rate.value().abs() > f64::MIN_POSITIVE;
+        if !crosses { S::zero() } else { -((g - g.value()) / rate.value()) }
     }
 
     /// Changes the mode at an event; `y` is the state there.
@@ -347,6 +349,8 @@ impl<S: Scalar> Machine<S> {
     }
 }
 
+/// Farther from zero than this a guard was not crossed but switched on.
+const OFF_GUARD: f64 = 1e-6;
 /// Relative slack of a force against its limit.
 const ROUNDING: f64 = 1e-10;
 

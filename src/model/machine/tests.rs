@@ -1,0 +1,287 @@
+//! Laws of the stepping machine.
+use super::*;
+use crate::base::scalar::Dual;
+use crate::model::effect::{EffectKind, Role};
+use crate::model::rig::{Rig, Scope, Setup, Slot};
+use crate::model::setting::{Number, Setting};
+use std::f64::consts::PI;
+
+const PENDULUM: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.05\ngravity_nm = 1.2\n\
+    [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 1.0\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n";
+const SLIDER: &str = "schema = 1\nmechanism = \"slider\"\n[parameters]\nmass_kg = 2.0\n\
+    [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 1.0\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n";
+const DOUBLE: &str = "schema = 1\nmechanism = \"double_pendulum\"\n[parameters]\ninertia1_kg_m2 = 0.03\n\
+    inertia2_kg_m2 = 0.05\nmoment1_kg_m = 0.1\nmoment2_kg_m = 0.15\nmass2_kg = 0.6\nlength1_m = 0.2\ngravity_m_s2 = 9.81\n\
+    [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 1.0\n[[sensor]]\nmeasures = \"q2\"\ncolumn = \"y\"\n";
+const WALKER: &str = "schema = 1\nmechanism = \"compass_gait\"\n[parameters]\nleg_length_m = 1.045\ntotal_mass_kg = 15.2\n\
+    gravity_m_s2 = 9.81\nc1 = 0.1007\nc2 = 0.1434\nc3 = 0.000596\nc4 = 0.1151\nc5 = 0.1264\nc6 = 0.0026\n\
+    [[actuator]]\njoint = \"hip\"\ncolumn = \"u\"\ngain = 1.0\n[[sensor]]\nmeasures = \"inner\"\ncolumn = \"y\"\n";
+
+fn rig(base: &str, effects: &str) -> Rig {
+    Rig::parse(&format!("{base}{effects}"), "test").unwrap()
+}
+
+fn effect(id: &str, at: &str, keys: &str) -> String {
+    format!("[[effect]]\neffect = \"{id}\"\nat = \"{at}\"\n{keys}\n")
+}
+
+fn machine(rig: &Rig, setup: Option<Setup>) -> Machine<f64> {
+    Machine::new(&Setting::of(rig, None, setup), &|n: &Number| n.value, 1).unwrap()
+}
+
+/// Runs under a slow square wave of torque and samples the first sensor.
+fn samples<S: Scalar>(machine: &mut Machine<S>, initial: &[S], torque: f64, seconds: f64) -> Vec<S> {
+    machine.reset(0.0, initial);
+    let mut out = Vec::new();
+    let rows = (seconds * 200.0) as usize;
+    for k in 0..rows {
+        let t = k as f64 * 0.005;
+        machine.advance_to(t).unwrap();
+        out.push(machine.read(0));
+        machine.command(0, if (t * 1.7).fract() < 0.5 { torque } else { -0.6 * torque }, true);
+    }
+    out
+}
+
+#[test]
+fn frictionless_double_pendulum_keeps_its_energy() {
+    let mut m = machine(&rig(DOUBLE, ""), None);
+    let potential = |m: &Machine<f64>| {
+        let (q1, q12) = (m.coordinate(0), m.coordinate(0) + m.coordinate(1));
+        -9.81 * ((0.1 + 0.6 * 0.2) * q1.cos() + 0.15 * q12.cos())
+    };
+    m.reset(0.0, &[1.5, -0.7, 0.0, 2.0]);
+    let before = m.kinetic_energy() + potential(&m);
+    m.advance_to(5.0).unwrap();
+    let after = m.kinetic_energy() + potential(&m);
+    // The step's own error; its order is tested below.
+    assert!((after - before).abs() < 2e-5, "{before} {after}");
+}
+
+#[test]
+fn step_shows_fourth_order() {
+    let run = |refine| {
+        let mut m =
+            Machine::<f64>::new(&Setting::of(&rig(DOUBLE, ""), None, None), &|n: &Number| n.value, refine).unwrap();
+        m.reset(0.0, &[1.0, 0.5, 0.0, 0.0]);
+        m.advance_to(1.0).unwrap();
+        m.coordinate(1)
+    };
+    let (coarse, fine, exact) = (run(1), run(2), run(16));
+    let order = ((coarse - exact) / (fine - exact)).abs().log2();
+    assert!((3.6..4.4).contains(&order), "{order}");
+}
+
+#[test]
+fn coulomb_friction_takes_the_textbook_amount_per_half_swing() {
+    // Spring and Coulomb friction: the amplitude falls by 2 mu/k every half period, exactly, and then it sticks.
+    let effects = effect("parallel_spring", "q1", "stiffness = 50.0\nrest = 0.0")
+        + &effect("coulomb_friction", "q1", "coulomb = 1.0");
+    let mut m = machine(&rig(SLIDER, &effects), None);
+    m.reset(0.0, &[0.21, 0.0]);
+    let half = PI / (50.0_f64 / 2.0).sqrt();
+    for (k, expected) in [-0.17, 0.13, -0.09, 0.05, -0.01, -0.01].iter().enumerate() {
+        m.advance_to(half * (k + 1) as f64).unwrap();
+        assert!((m.coordinate(0) - expected).abs() < 1e-7, "{k}: {}", m.coordinate(0));
+    }
+    assert!(m.is_stuck(0));
+    m.advance_to(20.0).unwrap();
+    assert_eq!(m.rate(0), 0.0, "sticking holds to the bit");
+}
+
+#[test]
+fn two_masses_on_a_spring_ring_at_their_resonance() {
+    let keys = "stiffness = 40.0\ndamping = 0.0\nrotor_inertia = 0.02";
+    let mut m = machine(&rig(&PENDULUM.replace("1.2", "0.0"), &effect("joint_elasticity", "q1", keys)), None);
+    // 0.05 in all: 0.02 at the motor, 0.03 at the link.
+    let w = (40.0_f64 * (1.0 / 0.02 + 1.0 / 0.03)).sqrt();
+    m.reset(0.0, &[0.0, 0.0, 0.1, 0.0]);
+    m.advance_to(10.0 * 2.0 * PI / w).unwrap();
+    assert!((m.motor(0)[0] - m.coordinate(0) - 0.1).abs() < 2e-5, "twist after ten periods");
+}
+
+#[test]
+fn delayed_command_acts_after_its_delay_to_the_instant() {
+    let mut m = machine(&rig(SLIDER, &effect("transport_delay", "u", "delay = 0.0137")), None);
+    m.reset(0.0, &[0.0, 0.0]);
+    m.command(0, 2.0, true);
+    m.advance_to(0.1).unwrap();
+    let t: f64 = 0.1 - 0.0137;
+    assert!((m.coordinate(0) - 0.5 * t * t).abs() < 1e-15);
+}
+
+#[test]
+fn lagged_torque_follows_its_closed_form() {
+    let mut m = machine(&rig(SLIDER, &effect("actuator_lag", "u", "time_constant = 0.03")), None);
+    m.reset(0.0, &[0.0, 0.0]);
+    m.command(0, 2.0, true);
+    m.advance_to(0.1).unwrap();
+    assert!((m.motor_torque(0) - 2.0 * (1.0 - (-0.1_f64 / 0.03).exp())).abs() < 1e-12);
+    let speed = 0.1 - 0.03 * (1.0 - (-0.1_f64 / 0.03).exp());
+    assert!((m.rate(0) - speed).abs() < 1e-8, "step error of RK4");
+}
+
+#[test]
+fn push_changes_the_rate_by_impulse_over_inertia() {
+    let mut m = machine(&rig(SLIDER, &effect("external_push", "q1", "impulse = 3.0\ntime = 0.0421")), None);
+    m.reset(0.0, &[0.0, 0.0]);
+    m.advance_to(0.1).unwrap();
+    assert!((m.rate(0) - 1.5).abs() < 1e-15 && (m.coordinate(0) - 1.5 * (0.1 - 0.0421)).abs() < 1e-15);
+}
+
+#[test]
+fn asymmetric_friction_is_the_twin_of_an_offset_sticking_included() {
+    let dry = effect("coulomb_friction", "q1", "coulomb = 0.3");
+    let a = rig(PENDULUM, &(dry.clone() + &effect("friction_asymmetry", "q1", "difference = 0.1")));
+    let b = rig(PENDULUM, &(dry + &effect("torque_offset", "q1", "torque = -0.1")));
+    let run = |r: &Rig| samples(&mut machine(r, None), &[0.3, 0.0], 1.0, 4.0);
+    assert_eq!(run(&a), run(&b));
+}
+
+#[test]
+fn every_effect_at_its_zero_reproduces_the_bare_machine() {
+    for (base, setup) in [
+        (PENDULUM, None),
+        (SLIDER, None),
+        (DOUBLE, None),
+        (WALKER, Some(Setup::InnerStance)),
+        (WALKER, Some(Setup::Walk)),
+    ] {
+        let bare = rig(base, "");
+        let initial = if bare.mechanism.has_ground() { [0.1, -0.2, -0.6, 0.3] } else { [0.3, 0.1, 0.5, -0.4] };
+        let seconds = if bare.mechanism.has_ground() { 0.3 } else { 2.0 };
+        let run = |r: &Rig| samples(&mut machine(r, setup), &initial, 0.8, seconds);
+        let expected = run(&bare);
+        for kind in EffectKind::ALL {
+            // Absent at zero; those absent at infinity are only close there and have laws of their own.
+            if kind.keys().iter().any(|k| k.role == Role::Inverse) || *kind == EffectKind::Backlash {
+                continue;
+            }
+            for place in bare.places(*kind) {
+                let keys = kind.keys().iter().map(|k| match k.role {
+                    Role::Strength(zero) => format!("{} = {zero:?}", k.name),
+                    _ => format!("{} = {:?}", k.name, if k.name == "time" { 0.1 } else { 1.3 }),
+                });
+                let keys: Vec<String> = keys.collect();
+                let got = run(&rig(base, &effect(kind.id(), place, &keys.join("\n"))));
+                let worst = expected.iter().zip(&got).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                // Events split steps: the difference is the error of RK4, not more.
+                assert!(worst < 1e-7, "{kind} at {place} of {:?}: {worst:e}", bare.mechanism);
+            }
+        }
+    }
+}
+
+#[test]
+fn stiff_joint_is_a_rigid_one() {
+    let keys = "stiffness = 2e5\ndamping = 20.0\nrotor_inertia = 0.01";
+    let rigid = samples(&mut machine(&rig(PENDULUM, ""), None), &[0.3, 0.0], 0.5, 1.0);
+    let elastic = rig(PENDULUM, &effect("joint_elasticity", "q1", keys));
+    let stiff = samples(&mut machine(&elastic, None), &[0.3, 0.0], 0.5, 1.0);
+    let worst = rigid.iter().zip(&stiff).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(worst < 1e-4, "{worst}");
+}
+
+#[test]
+fn play_without_gap_is_a_rigid_joint() {
+    let rigid = samples(&mut machine(&rig(PENDULUM, ""), None), &[0.3, 0.0], 0.5, 1.0);
+    let loose = rig(PENDULUM, &effect("backlash", "q1", "gap = 0.0\nrotor_inertia = 0.01"));
+    let got = samples(&mut machine(&loose, None), &[0.3, 0.0], 0.5, 1.0);
+    let worst = rigid.iter().zip(&got).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(worst < 1e-9, "{worst}");
+}
+
+/// Derivatives of all samples by one number of the rig: dual against central difference.
+fn derivative_error(
+    base: &str,
+    effects: &str,
+    setup: Option<Setup>,
+    key: (usize, usize),
+    initial: &[f64],
+    seconds: f64,
+) -> f64 {
+    let rig = rig(base, effects);
+    let slot = Slot::Effect(Scope::Rig, key.0, key.1);
+    let setting = Setting::of(&rig, None, setup);
+    let lift = |n: &Number| {
+        if n.slot == Some(slot) { Dual::<1>::variable(n.value, 0) } else { Dual::constant(n.value) }
+    };
+    let start: Vec<Dual<1>> = initial.iter().map(|x| Dual::constant(*x)).collect();
+    let exact = samples(&mut Machine::new(&setting, &lift, 1).unwrap(), &start, 1.0, seconds);
+    let h = 1e-6 * rig.effects[key.0].values[key.1].value.abs().max(0.01);
+    let shifted = |d: f64| {
+        let mut other = rig.clone();
+        other.effects[key.0].values[key.1].value += d;
+        samples(&mut machine(&other, setup), initial, 1.0, seconds)
+    };
+    let (up, down) = (shifted(h), shifted(-h));
+    let scale = exact.iter().map(|x| x.d[0].abs()).fold(0.0, f64::max);
+    assert!(scale > 0.0, "the number has no influence");
+    let errors = exact.iter().zip(up.iter().zip(&down)).map(|(e, (u, d))| (e.d[0] - (u - d) / (2.0 * h)).abs());
+    errors.fold(0.0, f64::max) / scale
+}
+
+#[test]
+fn derivatives_are_exact_through_sticking() {
+    let effects = effect("coulomb_friction", "q1", "coulomb = 0.35");
+    let error = derivative_error(PENDULUM, &effects, None, (0, 0), &[0.4, 0.0], 3.0);
+    assert!(error < 1e-5, "{error}");
+}
+
+#[test]
+fn derivatives_are_exact_through_delays_and_lags() {
+    let delay = effect("transport_delay", "u", "delay = 0.0131");
+    assert!(derivative_error(PENDULUM, &delay, None, (0, 0), &[0.4, 0.0], 2.0) < 1e-5);
+    let lag = effect("sensor_lag", "y", "time_constant = 0.03");
+    assert!(derivative_error(PENDULUM, &lag, None, (0, 0), &[0.4, 0.0], 2.0) < 1e-5);
+}
+
+#[test]
+fn touchdown_gives_the_velocities_of_the_notes() {
+    // Section 10: inner stance, q = [-.2, .2], v = [-1, -.5]; labels exchanged after.
+    let mut m = machine(&rig(WALKER, ""), Some(Setup::Walk));
+    m.reset(0.0, &[-0.2, 0.2, -1.0, -0.5]);
+    m.touch_down_now();
+    assert_eq!(m.stance(), 1);
+    assert!((m.rate(0) + 0.795_653_429).abs() < 1e-8 && (m.rate(1) + 0.888_420_832).abs() < 1e-8);
+    let slippery = effect("foot_slip", "ground", "friction = 0.1");
+    let mut m = machine(&rig(WALKER, &slippery), Some(Setup::Walk));
+    m.reset(0.0, &[-0.2, 0.2, -1.0, -0.5]);
+    m.touch_down_now();
+    assert!(
+        (m.rate(0) + 0.875_650_2).abs() < 1e-6 && (m.rate(1) + 0.310_609_1).abs() < 1e-6,
+        "{} {}",
+        m.rate(0),
+        m.rate(1)
+    );
+    assert!(matches!(m.contact(), Contact::Sliding(_)));
+    let bouncy = effect("elastic_impact", "ground", "restitution = 0.2");
+    let mut m = machine(&rig(WALKER, &bouncy), Some(Setup::Walk));
+    m.reset(0.0, &[-0.2, 0.2, -1.0, -0.5]);
+    m.touch_down_now();
+    assert!((m.rate(0) + 0.767_562_3).abs() < 1e-6 && (m.rate(1) + 0.873_808_9).abs() < 1e-6);
+    assert_eq!(m.contact(), Contact::Flight);
+}
+
+#[test]
+fn held_foot_moves_as_the_pinned_robot_does() {
+    let mut pinned = machine(&rig(WALKER, ""), Some(Setup::InnerStance));
+    let mut held = machine(&rig(WALKER, ""), Some(Setup::Walk));
+    for m in [&mut pinned, &mut held] {
+        m.reset(0.0, &[0.1, -0.2, -0.5, 0.3]);
+        m.command(0, 5.0, true);
+        m.advance_to(0.2).unwrap();
+    }
+    assert!((pinned.coordinate(0) - held.coordinate(0)).abs() < 1e-12);
+    assert!((pinned.coordinate(1) - held.coordinate(1)).abs() < 1e-12);
+}
+
+#[test]
+fn ground_carries_the_force_of_the_notes() {
+    // Section 10: q = [.1, -.2], v = [.5, -1], 5 Nm, inner stance.
+    let mut m = machine(&rig(WALKER, ""), Some(Setup::Walk));
+    m.reset(0.0, &[0.1, -0.2, 0.5, -1.0]);
+    m.command(0, 5.0, true);
+    let [x, y] = m.ground_force();
+    assert!((x + 17.839_173).abs() < 1e-4 && (y - 145.383_615).abs() < 1e-4, "{x} {y}");
+}
