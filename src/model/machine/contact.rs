@@ -411,19 +411,19 @@ impl<S: Scalar> Machine<S> {
         self.feet.contact = Contact::Held;
     }
 
+    /// Side of the swing foot if the feet are apart and both on the ground: as after a touchdown, it is not armed there.
+    fn standing_side(&self) -> Option<f64> {
+        let apart = APART * self.legs()?.length().value();
+        let (stride, height) = (self.stride(&self.y)?, self.swing_height(&self.y)?);
+        (stride.value().abs() > apart && height.value() < NEAR_GROUND_M).then(|| stride.sign())
+    }
+
     /// The stance foot at the start of a run: on the ground, rolling or sprung as the legs turn.
     pub(super) fn start_feet(&mut self) {
         let told = self.feet.told;
-        self.feet = Feet { told, ..Feet::default() };
+        self.feet = Feet { told, side: self.standing_side().unwrap_or(0.0), ..Feet::default() };
         let Some(legs) = self.legs() else { return };
         let s = legs.stance();
-        // Feet apart and both on the ground: as after a touchdown, the swing foot is not armed on this side.
-        if let (Some(stride), Some(height)) = (self.stride(&self.y), self.swing_height(&self.y))
-            && stride.value().abs() > APART * legs.length().value()
-            && height.value() < NEAR_GROUND_M
-        {
-            self.feet.side = stride.sign();
-        }
         let (angle, rate) = (self.y.q[s] + legs.slope(), self.y.v[s]);
         let weight = legs.mass() * legs.gravity();
         let (sin, cos) = angle.sin_cos();
