@@ -1,4 +1,8 @@
 use super::*;
+use crate::config;
+use crate::msg::{Mode, TickInput};
+use crate::rt::{allocation, memory};
+use crate::sim::lockstep::Lockstep;
 
 #[test]
 fn durations_have_units() {
@@ -8,4 +12,26 @@ fn durations_have_units() {
     for wrong in ["30", "", "s", "-1s", "1d", "1e300h", "nans"] {
         assert!(duration(wrong).is_err(), "{wrong}");
     }
+}
+
+/// The inputs of a run in lockstep: the robot arms at half a second and balances.
+fn balanced_inputs(config: &Config, ticks: usize) -> Vec<TickInput> {
+    let mut run = Lockstep::new(config).unwrap();
+    (0..ticks).map(|_| run.step().input).collect()
+}
+
+#[test]
+fn the_tick_of_an_armed_robot_neither_allocates_nor_faults() {
+    let config = config::load(None, &[]).unwrap().config;
+    let inputs = balanced_inputs(&config, 12_000);
+    let (mut tick, mut record) = (Tick::new(&config).unwrap(), Box::<TickRecord>::default());
+    memory::touch_stack(512 * 1024);
+    let (before, after) = inputs.split_at(1_000);
+    before.iter().for_each(|input| tick.step(input, &mut record));
+    assert_eq!(record.status.mode, Mode::Armed);
+    let start = (allocation::on_this_thread(), memory::faults_of_this_thread());
+    after.iter().for_each(|input| tick.step(input, &mut record));
+    let end = (allocation::on_this_thread(), memory::faults_of_this_thread());
+    assert_eq!((record.status.mode, record.status.faults), (Mode::Armed, 0));
+    assert_eq!(end, start, "allocations, page faults in {} ticks", after.len());
 }
