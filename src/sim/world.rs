@@ -1,6 +1,8 @@
 //! The simulated robot's mechanics behind [`World`]: pinned on either leg, true stick/slip friction, elastic hip, toes.
 //!
-//! Stands on blocks (Thesis 4.5): the swing toe meets no ground and the stance toe does not slip or lift.
+//! Stands on blocks (Thesis 4.5).
+//! Limits: always on blocks, whatever `sim.on_blocks` says: the swing toe meets no ground, the stance toe neither slips
+//! nor lifts, the toe springs do not give. The stepping machine of `model` can all that but is not wired in here.
 //! RT: no, but allocation-free.
 
 use super::{Reading, World};
@@ -14,7 +16,7 @@ use crate::msg::{Leg, TOES};
 
 /// Longest integration step, s: a fiftieth of the period of a 40 Hz mode.
 const STEP_S: f64 = 5e-4;
-/// Halvings that find the instant at which the hip comes to rest: 5e-4 s / 2^30 is below a femtosecond... of no interest.
+/// Halvings that find the instant at which the hip comes to rest: 5e-4 s / 2^30 is half a picosecond.
 const HALVINGS: usize = 30;
 
 /// `[θs, θw, φ, θ̇s, θ̇w, φ̇]`; a rigid hip carries φ = σ along.
