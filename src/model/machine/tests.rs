@@ -237,6 +237,13 @@ fn derivatives_are_exact_through_delays_and_lags() {
 }
 
 #[test]
+fn derivatives_are_exact_through_play() {
+    let play = effect("backlash", "q1", "gap = 0.05\nrotor_inertia = 0.01");
+    let error = derivative_error(PENDULUM, &play, None, (0, 0), &[0.4, 0.0, 0.03], 0.6);
+    assert!(error < 1e-4, "{error}");
+}
+
+#[test]
 fn touchdown_gives_the_velocities_of_the_notes() {
     // Section 10: inner stance, q = [-.2, .2], v = [-1, -.5]; labels exchanged after.
     let mut m = machine(&rig(WALKER, ""), Some(Setup::Walk));
