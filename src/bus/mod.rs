@@ -6,7 +6,7 @@
 //! | [`canopen`], [`sdo`], [`pdo`] | CiA 301 as pure parse and emit |
 //! | [`cia402`] | the drive profile's state machine, both ends of it |
 //! | [`budget`] | who may use the bus when, and whether it all fits |
-//! | [`line`] | the master of one bus |
+//! | [`mod@line`] | the master of one bus |
 //! | [`socketcan`] | the real wire |
 //! | [`loopback`] | a bus in memory; the simulated robot sits on it |
 //! | [`faulty`] | loses, doubles, delays, flips frames of any bus |

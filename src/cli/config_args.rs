@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// Which configuration.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ConfigArgs {
-    /// Folder with robot.toml, rt.toml, control.toml, sim.toml, or a file with these as tables and [set].
+    /// Folder with robot.toml, rt.toml, control.toml, sim.toml, or a file with these as tables and `[set]`.
     /// Sections that are not there come whole from the embedded default
     #[arg(long = "config", value_name = "F")]
     pub path: Option<PathBuf>,

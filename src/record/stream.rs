@@ -1,7 +1,7 @@
 //! The streams of a recording, and the way from a tick to their messages and back. RT: no.
 //!
 //! A tick becomes: its head with all counts, then one message per frame and sample, then what each room said, `status`
-//! last. So a tick is whole exactly when its status is there, and everything that [`TickInput`] holds comes back.
+//! last. So a tick is whole exactly when its status is there, and everything that [`crate::msg::TickInput`] holds comes back.
 
 use super::cdr::{decode, encode};
 use crate::base::time::Stamp;
