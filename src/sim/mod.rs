@@ -3,6 +3,7 @@
 //! Nothing of the control path knows that it is not real. RT: no.
 
 pub mod drive;
+pub mod ground;
 pub mod imu;
 pub mod lockstep;
 pub mod noise;
