@@ -5,7 +5,7 @@
 //! end is not woken for each frame.
 
 use super::link::{self, Signal};
-use super::{Receive, SendError, Transmit};
+use super::{Duplex, Receive, SendError, Transmit};
 use crate::msg::{BusFrame, BusHealth, CanFrame};
 use crossbeam::queue::ArrayQueue;
 use std::os::fd::RawFd;
@@ -50,11 +50,7 @@ pub struct LoopbackRx {
 }
 
 /// One end of a bus in memory.
-#[derive(Debug)]
-pub struct Loopback {
-    tx: LoopbackTx,
-    rx: LoopbackRx,
-}
+pub type Loopback = Duplex<LoopbackTx, LoopbackRx>;
 
 /// Two ends that echo.
 ///
@@ -76,15 +72,7 @@ pub fn mock() -> std::io::Result<(Loopback, Loopback)> {
 
 fn end(own: &Arc<Inbox>, peer: &Arc<Inbox>, echoes: bool) -> Loopback {
     let echo = echoes.then(|| Arc::clone(own));
-    Loopback { tx: LoopbackTx { peer: Arc::clone(peer), echo }, rx: LoopbackRx { inbox: Arc::clone(own) } }
-}
-
-impl Loopback {
-    /// Its halves, for two threads.
-    #[must_use]
-    pub fn split(self) -> (LoopbackTx, LoopbackRx) {
-        (self.tx, self.rx)
-    }
+    Duplex { tx: LoopbackTx { peer: Arc::clone(peer), echo }, rx: LoopbackRx { inbox: Arc::clone(own) } }
 }
 
 impl LoopbackTx {
@@ -119,24 +107,6 @@ impl Receive for LoopbackRx {
 
     fn readable_fd(&self) -> RawFd {
         self.inbox.signal.as_ref().map_or(-1, Signal::fd)
-    }
-}
-
-impl Transmit for Loopback {
-    fn send(&mut self, frame: &CanFrame) -> Result<(), SendError> {
-        self.tx.send(frame)
-    }
-}
-
-impl Receive for Loopback {
-    fn receive(&mut self) -> Option<BusFrame> {
-        self.rx.receive()
-    }
-    fn health(&self) -> BusHealth {
-        self.rx.health()
-    }
-    fn readable_fd(&self) -> RawFd {
-        self.rx.readable_fd()
     }
 }
 

@@ -80,3 +80,39 @@ pub trait Receive {
 /// A whole bus. `receive` and `send` come from its halves, so that a socket can be split between threads.
 pub trait Bus: Transmit + Receive {}
 impl<T: Transmit + Receive> Bus for T {}
+
+/// Two halves as one bus.
+#[derive(Debug)]
+pub struct Duplex<T, R> {
+    tx: T,
+    rx: R,
+}
+
+impl<T, R> Duplex<T, R> {
+    /// Its halves, for two threads.
+    #[must_use]
+    pub fn split(self) -> (T, R) {
+        (self.tx, self.rx)
+    }
+}
+
+impl<T: Transmit, R> Transmit for Duplex<T, R> {
+    fn send(&mut self, frame: &CanFrame) -> Result<(), SendError> {
+        self.tx.send(frame)
+    }
+}
+
+impl<T, R: Receive> Receive for Duplex<T, R> {
+    fn receive(&mut self) -> Option<BusFrame> {
+        self.rx.receive()
+    }
+    fn health(&self) -> BusHealth {
+        self.rx.health()
+    }
+    fn readable_fd(&self) -> RawFd {
+        self.rx.readable_fd()
+    }
+    fn lost(&self) -> u32 {
+        self.rx.lost()
+    }
+}

@@ -196,5 +196,39 @@ macro_rules! message {
     };
 }
 
+/// Gives a message with `count`, `dropped` and an array of items the ways of a list of bounded length.
+macro_rules! batch {
+    ($name:ident { $items:ident: $item:ty }) => {
+        impl $name {
+            /// The items that are there.
+            #[must_use]
+            pub fn as_slice(&self) -> &[$item] {
+                self.$items.get(..usize::from(self.count)).unwrap_or(&self.$items)
+            }
+
+            /// Adds an item, or counts it as dropped and returns false when there is no room.
+            pub fn push(&mut self, item: $item) -> bool {
+                match self.$items.get_mut(usize::from(self.count)) {
+                    Some(slot) => {
+                        *slot = item;
+                        self.count += 1;
+                        true
+                    }
+                    None => {
+                        self.dropped = self.dropped.saturating_add(1);
+                        false
+                    }
+                }
+            }
+
+            /// Forgets the items, keeps the count of drops.
+            pub fn clear(&mut self) {
+                self.count = 0;
+            }
+        }
+    };
+}
+
+pub(crate) use batch;
 pub(crate) use message;
 pub(crate) use wire_enum;

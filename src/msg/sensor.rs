@@ -1,6 +1,6 @@
 //! What comes in: frames, IMU samples, the operator's hand, and what the bus room reads from them. RT: yes.
 
-use super::reflect::{message, wire_enum};
+use super::reflect::{batch, message, wire_enum};
 use super::{BUSES, DRIVES};
 use crate::base::time::Stamp;
 use iceoryx2::prelude::ZeroCopySend;
@@ -77,33 +77,7 @@ message! {
     }
 }
 
-impl FrameBatch {
-    /// The frames that are there.
-    #[must_use]
-    pub fn as_slice(&self) -> &[BusFrame] {
-        self.frames.get(..usize::from(self.count)).unwrap_or(&self.frames)
-    }
-
-    /// Adds a frame, or counts it as dropped and returns false when there is no room.
-    pub fn push(&mut self, frame: BusFrame) -> bool {
-        match self.frames.get_mut(usize::from(self.count)) {
-            Some(slot) => {
-                *slot = frame;
-                self.count += 1;
-                true
-            }
-            None => {
-                self.dropped = self.dropped.saturating_add(1);
-                false
-            }
-        }
-    }
-
-    /// Forgets the frames, keeps the count of drops.
-    pub fn clear(&mut self) {
-        self.count = 0;
-    }
-}
+batch!(FrameBatch { frames: BusFrame });
 
 wire_enum! {
     /// How a bus is, as its controller says.
@@ -151,28 +125,7 @@ message! {
     }
 }
 
-impl ImuBatch {
-    /// The samples that are there.
-    #[must_use]
-    pub fn as_slice(&self) -> &[ImuSample] {
-        self.samples.get(..usize::from(self.count)).unwrap_or(&self.samples)
-    }
-
-    /// Adds a sample, or counts it as dropped and returns false when there is no room.
-    pub fn push(&mut self, sample: ImuSample) -> bool {
-        match self.samples.get_mut(usize::from(self.count)) {
-            Some(slot) => {
-                *slot = sample;
-                self.count += 1;
-                true
-            }
-            None => {
-                self.dropped = self.dropped.saturating_add(1);
-                false
-            }
-        }
-    }
-}
+batch!(ImuBatch { samples: ImuSample });
 
 message! {
     /// The operator's hand, as last seen. Freshness is judged by the receiver from `stamp`.

@@ -14,7 +14,7 @@ mod keeper;
 pub mod link_report;
 
 use super::link;
-use super::{Receive, SendError, Transmit};
+use super::{Duplex, Receive, SendError, Transmit};
 use crate::base::time::{Span, Stamp};
 use crate::msg::{BusFrame, BusHealth, CanFrame};
 use socketcan::{CanSocket, Socket, SocketOptions};
@@ -68,12 +68,8 @@ pub struct CanRx {
     kernel_drops: u32,
 }
 
-/// A SocketCAN interface.
-#[derive(Debug)]
-pub struct SocketCan {
-    tx: CanTx,
-    rx: CanRx,
-}
+/// A SocketCAN interface; its sending half can be cloned.
+pub type SocketCan = Duplex<CanTx, CanRx>;
 
 impl SocketCan {
     /// Opens an interface. `echo_timeout`: no echo for so long while frames are out means stalled.
@@ -101,12 +97,6 @@ impl SocketCan {
             keeper::start(name, &shared)?;
         }
         Ok(Self { tx: CanTx { shared: Arc::clone(&shared) }, rx: CanRx { shared, kernel_drops: 0 } })
-    }
-
-    /// Its halves; the sending one can be cloned.
-    #[must_use]
-    pub fn split(self) -> (CanTx, CanRx) {
-        (self.tx, self.rx)
     }
 }
 
@@ -216,27 +206,6 @@ impl Receive for CanRx {
 
     fn lost(&self) -> u32 {
         self.shared.lost.load(Ordering::Relaxed)
-    }
-}
-
-impl Transmit for SocketCan {
-    fn send(&mut self, frame: &CanFrame) -> Result<(), SendError> {
-        self.tx.send(frame)
-    }
-}
-
-impl Receive for SocketCan {
-    fn receive(&mut self) -> Option<BusFrame> {
-        self.rx.receive()
-    }
-    fn health(&self) -> BusHealth {
-        self.rx.health()
-    }
-    fn readable_fd(&self) -> RawFd {
-        self.rx.readable_fd()
-    }
-    fn lost(&self) -> u32 {
-        self.rx.lost()
     }
 }
 
