@@ -1,6 +1,7 @@
 //! How a command ended, as exit code and as text on stderr. RT: no.
 
 use crate::config;
+use crate::sim::world::WorldError;
 use std::any::Any;
 use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
@@ -45,7 +46,8 @@ fn report(error: &anyhow::Error) -> u8 {
         return FINE;
     }
     tell(&format!("compass: {error:#}"));
-    let is_usage = error.chain().any(|cause| cause.is::<UsageError>() || cause.is::<config::Errors>());
+    let is_usage =
+        error.chain().any(|cause| cause.is::<UsageError>() || cause.is::<config::Errors>() || cause.is::<WorldError>());
     if is_usage { USAGE } else { INPUT }
 }
 

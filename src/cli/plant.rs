@@ -64,7 +64,7 @@ impl Run for Args {
 }
 
 fn open(config: &Config) -> anyhow::Result<Served> {
-    let plant = Plant::with_world(config, world::build(config));
+    let plant = Plant::with_world(config, world::build(config)?);
     Served::open(config, plant).map_err(|error| match error {
         ServeError::NoInterface(_) => UsageError(error.to_string()).into(),
         other => other.into(),

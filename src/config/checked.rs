@@ -350,9 +350,11 @@ pub struct Simulation {
     pub initial_rate_rad_s: [f64; 2],
     /// A hand holds both legs until the hip has pushed with so much, Nm; 0 = nobody holds.
     pub release_torque_nm: f64,
+    /// The hand lets go at the latest so long after the hip's drive got its power; zero = it waits for the push.
+    pub release_after: Span,
     /// Initial stance leg.
     pub stance: crate::msg::Leg,
-    /// True: stands on blocks, the swing toe meets no ground (thesis 4.5).
+    /// The world. True: stands on blocks, the swing toe meets no ground (thesis 4.5). False: on the ground.
     pub on_blocks: bool,
     /// Compliance of the real hip.
     pub hip_elasticity: Option<HipElasticity>,
@@ -361,11 +363,15 @@ pub struct Simulation {
     /// First-order lag of the motor's torque, s.
     pub actuator_lag_s: f64,
     /// Saturation of the motor's torque at the joint, Nm.
-    pub torque_limit_nm: f64,
-    /// Friction of the ground.
-    pub ground_friction: f64,
+    pub torque_limit_nm: Option<f64>,
+    /// Friction of the ground; a foot never slips without.
+    pub ground_friction: Option<f64>,
     /// Restitution at touchdown.
     pub restitution: f64,
+    /// The ground does not pull: a foot that is drawn up leaves it.
+    pub lift_off: bool,
+    /// The toes' series springs give way.
+    pub toe_springs: bool,
     /// Slope of the ground, rad.
     pub ground_slope_rad: f64,
     /// Toe lengths at the start, m.

@@ -3,7 +3,7 @@
 use super::checked::{BusBackend, Config, DriveConfig, DriveMode, Model, Robot};
 use super::problem::Problem;
 use super::reader::Log;
-use crate::msg::Drive;
+use crate::msg::{Drive, Leg};
 
 /// Runs all of them. Only meaningful when every value is in its range.
 pub(super) fn check(config: &Config, log: &Log) {
@@ -13,8 +13,32 @@ pub(super) fn check(config: &Config, log: &Log) {
     modes(&config.robot, log);
     hip_torque(&config.robot, log);
     backends(&config.robot, log);
+    start_on_ground(config, log);
     for bus in 0..config.robot.buses.len() {
         bus_load(config, bus, log);
+    }
+}
+
+/// On the ground a robot cannot start with its swing foot in the ground.
+fn start_on_ground(config: &Config, log: &Log) {
+    let (sim, robot) = (&config.simulation, &config.robot);
+    if sim.on_blocks {
+        return;
+    }
+    let [ai, bi, ao, bo] = sim.initial_toe_m;
+    let reach = |leg: usize, toe_m: f64| {
+        let length = robot.model.leg_length_m.value - robot.toe.extended_m + toe_m;
+        length * libm::cos(sim.initial_angle_rad[leg] + sim.ground_slope_rad)
+    };
+    let (inner, outer) = (reach(0, ai.max(bi)), reach(1, ao.max(bo)));
+    let depth_m = if sim.stance == Leg::Inner { outer - inner } else { inner - outer };
+    if depth_m > 0.0 {
+        let what = format!(
+            "on the ground (sim.on_blocks = false) the swing foot would start {:.1} mm in it: shorten its toes in \
+             sim.initial_toe_m, or lean less",
+            1e3 * depth_m
+        );
+        log.error(problem("sim.initial_angle_rad", what));
     }
 }
 

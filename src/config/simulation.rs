@@ -4,6 +4,7 @@ use super::checked::{ImuErrors, Simulation};
 use super::process::LEGS;
 use super::reader::{Reader, range};
 use super::robot::elasticity;
+use crate::base::time::Span;
 use crate::msg::Leg;
 use std::f64::consts::PI;
 
@@ -14,14 +15,17 @@ pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
         initial_angle_rad: r.numbers("initial_angle_rad", range(-PI, PI, "rad")),
         initial_rate_rad_s: r.numbers("initial_rate_rad_s", range(-20.0, 20.0, "rad/s")),
         release_torque_nm: r.number("release_torque_nm", range(0.0, 1e3, "Nm")),
+        release_after: Span::from_s(r.number("release_after_s", second)),
         stance: r.choice("stance", LEGS, Leg::Inner),
         on_blocks: r.flag("on_blocks"),
         hip_elasticity: r.optional_table("hip_elasticity", elasticity),
         friction_scale: r.numbers("friction_scale", range(0.0, 100.0, "1")),
         actuator_lag_s: r.number("actuator_lag_s", range(0.0, 1.0, "s")),
-        torque_limit_nm: r.number("torque_limit_nm", range(0.0, 1e4, "Nm")),
-        ground_friction: r.number("ground_friction", range(0.0, 10.0, "1")),
+        torque_limit_nm: r.optional_number("torque_limit_nm", range(0.0, 1e4, "Nm")),
+        ground_friction: r.optional_number("ground_friction", range(0.0, 10.0, "1")),
         restitution: r.number("restitution", range(0.0, 1.0, "1")),
+        lift_off: r.flag("lift_off"),
+        toe_springs: r.flag("toe_springs"),
         ground_slope_rad: r.number("ground_slope_rad", range(-0.5, 0.5, "rad")),
         initial_toe_m: r.numbers("initial_toe_m", range(0.0, 0.5, "m")),
         imu: r.table("imu", imu_errors),

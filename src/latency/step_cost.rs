@@ -11,7 +11,7 @@ use crate::config::checked::{Config, ControllerKind};
 use crate::msg::{TickInput, TickOutput, TickRecord};
 use crate::report::table::{Align, Table};
 use crate::rt::tick::{Tick, TickError};
-use crate::sim::lockstep::Lockstep;
+use crate::sim::lockstep::{Lockstep, LockstepError};
 
 /// The cost could not be measured.
 #[derive(Debug, thiserror::Error)]
@@ -19,6 +19,9 @@ pub enum CostError {
     /// No tick for this configuration.
     #[error(transparent)]
     Tick(#[from] TickError),
+    /// No robot for it.
+    #[error(transparent)]
+    Lockstep(#[from] LockstepError),
 }
 
 /// One line of the table.
@@ -79,7 +82,7 @@ pub fn all(config: &Config, ticks: usize) -> Result<Costs, CostError> {
     Ok(costs)
 }
 
-fn recorded_inputs(config: &Config, ticks: usize) -> Result<Vec<TickInput>, TickError> {
+fn recorded_inputs(config: &Config, ticks: usize) -> Result<Vec<TickInput>, LockstepError> {
     let mut run = Lockstep::new(config)?;
     let mut inputs = Vec::with_capacity(ticks);
     for _ in 0..ticks {

@@ -38,7 +38,7 @@ use crate::base::scalar::Scalar;
 use contact::{Feet, Ground};
 use std::collections::VecDeque;
 
-pub use contact::Contact;
+pub use contact::{Contact, Strike};
 pub use motion::{Phase, Work};
 pub use start::Inner;
 

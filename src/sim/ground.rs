@@ -1,12 +1,14 @@
 //! The simulated robot on the ground: [`World`] around the stepping machine that identification and diagnosis use too.
 //!
-//! Touchdown with exact event location, slip, flight and rebound are the machine's; toes travel here.
-//! Limits: not chosen by `world::build` yet, which always stands on blocks. The toes' travel and springs do not change the legs' length. The IMU's acceleration is not known. RT: no.
+//! Touchdown with exact event location, slip, flight and rebound are the machine's; the toes are [`super::toes`].
+//! The leg length of the model is that with the toes at `robot.toe.extended_m`.
+//! Limits: a toe's travel lifts and lowers quasi-statically (no push-off); no double support, so a robot that comes to
+//! rest on both feet sinks. RT: no.
 
+use super::toes::Toes;
 use super::{Reading, World};
 use crate::base::time::Span;
 use crate::config::checked::Config;
-use crate::model::compass_gait::toe::Toe;
 use crate::model::effect::EffectKind;
 use crate::model::machine::{Contact, Machine, MachineError};
 use crate::model::rig::Side;
@@ -21,12 +23,14 @@ const HIP: usize = 2;
 #[derive(Debug)]
 pub struct GroundWorld {
     machine: Machine<f64>,
-    toe: Toe<f64>,
-    toes_m: [f64; TOES],
+    toes: Toes,
+    slope_rad: f64,
     release_torque_nm: f64,
     held: bool,
     now_s: f64,
     force_n: [f64; 2],
+    accel_m_s2: [f64; 2],
+    touchdowns: u32,
     /// The state left all bounds: it lies on the floor and stays as it was.
     lost: bool,
 }
@@ -37,27 +41,49 @@ impl GroundWorld {
     /// # Errors
     /// [`MachineError`] when the configuration asks for something that is not modelled.
     pub fn new(config: &Config) -> Result<Self, MachineError> {
-        let sim = &config.simulation;
+        let (sim, params) = (&config.simulation, config.robot.model.params());
         let mut machine = Machine::new(&setting(config), &|n| n.value, 1)?;
+        if sim.lift_off {
+            machine.let_lift_off();
+        }
+        let toes = Toes::new(config);
         let ([ai, ao], [vi, vo]) = (sim.initial_angle_rad, sim.initial_rate_rad_s);
         machine.set_stance(sim.stance as usize);
+        machine.set_toes(toes.shortening_m());
         machine.reset(0.0, &[ai, ao, vi, vo]);
-        let t = &config.robot.toe;
         Ok(Self {
             machine,
-            toe: Toe {
-                stroke_m: t.stroke_m,
-                rate_limit_m_s: t.rate_limit_m_s,
-                spring_n_m: t.spring_n_m,
-                preload_n: t.preload_n,
-            },
-            toes_m: sim.initial_toe_m,
+            toes,
+            slope_rad: sim.ground_slope_rad,
             release_torque_nm: sim.release_torque_nm,
             held: sim.release_torque_nm > 0.0,
             now_s: 0.0,
-            force_n: [0.0; 2],
+            // In the hand that holds it the robot stands with its weight.
+            force_n: [0.0, params.total_mass_kg * params.gravity_m_s2],
+            accel_m_s2: [0.0; 2],
+            touchdowns: 0,
             lost: false,
         })
+    }
+
+    /// Component of a vector along and normal to the ground along the leg that stands, from toe to hip.
+    fn along_stance_leg(&self, [along, normal]: [f64; 2]) -> f64 {
+        let (sin, cos) = libm::sincos(self.machine.coordinate(self.machine.stance()) + self.slope_rad);
+        normal * cos - along * sin
+    }
+
+    /// The springs take up what the legs have met.
+    fn load_toes(&mut self) {
+        let mut load_n = [0.0; 2];
+        load_n[self.machine.stance()] = self.along_stance_leg(self.force_n);
+        self.toes.load(load_n);
+        let (touchdowns, _) = self.machine.touchdowns();
+        if touchdowns != self.touchdowns {
+            self.touchdowns = touchdowns;
+            let strike = self.machine.last_strike();
+            let speed = -self.along_stance_leg(strike.velocity_m_s);
+            self.toes.strike(self.machine.stance(), self.along_stance_leg(strike.impulse_ns), speed);
+        }
     }
 }
 
@@ -84,6 +110,7 @@ fn setting(config: &Config) -> Setting {
     }
 }
 
+/// Each imperfection that is switched on.
 fn effects(config: &Config) -> Vec<EffectSetting> {
     let (p, sim) = (config.robot.model.params(), &config.simulation);
     let hip = Site::Joint(HIP);
@@ -101,19 +128,21 @@ fn effects(config: &Config) -> Vec<EffectSetting> {
         let spring = [e.stiffness_nm_rad, e.damping_nm_s_rad, e.rotor_inertia_kg_m2];
         effects.push(effect(EffectKind::JointElasticity, hip, &spring));
     }
-    if !sim.on_blocks {
-        effects.push(effect(EffectKind::FootSlip, Site::Ground, &[sim.ground_friction]));
-        effects.push(effect(EffectKind::ElasticImpact, Site::Ground, &[sim.restitution]));
-        effects.push(effect(EffectKind::GroundSlope, Site::Ground, &[sim.ground_slope_rad]));
+    if sim.on_blocks {
+        return effects;
     }
+    if let Some(friction) = sim.ground_friction {
+        effects.push(effect(EffectKind::FootSlip, Site::Ground, &[friction]));
+    }
+    effects.push(effect(EffectKind::ElasticImpact, Site::Ground, &[sim.restitution]));
+    effects.push(effect(EffectKind::GroundSlope, Site::Ground, &[sim.ground_slope_rad]));
     effects
 }
 
 impl World for GroundWorld {
     fn step(&mut self, hip_torque_nm: f64, toe_target_m: [f64; TOES], dt: Span) {
-        for (at, target) in self.toes_m.iter_mut().zip(toe_target_m) {
-            *at = self.toe.advance(*at, target, dt.as_s());
-        }
+        self.toes.advance(toe_target_m, dt.as_s());
+        self.machine.set_toes(self.toes.shortening_m());
         self.held = self.held && hip_torque_nm.abs() < self.release_torque_nm;
         if self.held || self.lost {
             return;
@@ -122,6 +151,12 @@ impl World for GroundWorld {
         self.now_s += dt.as_s();
         self.lost = self.machine.advance_to(self.now_s).is_err();
         self.force_n = self.machine.ground_force();
+        self.accel_m_s2 = self.machine.hip_acceleration();
+        self.load_toes();
+    }
+
+    fn let_go(&mut self) {
+        self.held = false;
     }
 
     fn reading(&self) -> Reading {
@@ -129,9 +164,10 @@ impl World for GroundWorld {
         Reading {
             leg_angle_rad: [m.coordinate(0), m.coordinate(1)],
             leg_rate_rad_s: [m.rate(0), m.rate(1)],
-            imu_accel_m_s2: [0.0; 2],
+            imu_accel_m_s2: self.accel_m_s2,
             hip_encoder_rad: m.coordinate(HIP),
-            toe_position_m: self.toes_m,
+            toe_position_m: self.toes.position_m(),
+            toe_spring_m: self.toes.compression_m(),
             ground_force_n: self.force_n,
             stance: if m.stance() == 0 { Leg::Inner } else { Leg::Outer },
             airborne: m.contact() == Contact::Flight,
@@ -140,43 +176,5 @@ impl World for GroundWorld {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::config::load;
-    use crate::sim::world::BlocksWorld;
-
-    fn config(keys: &[&str]) -> Config {
-        let free = ["sim.release_torque_nm=0.0"];
-        load(None, &free.iter().chain(keys).map(|k| (*k).to_owned()).collect::<Vec<_>>()).unwrap().config
-    }
-
-    #[test]
-    fn machine_and_blocks_world_agree_on_both_legs() {
-        for stance in ["sim.stance=inner", "sim.stance=outer"] {
-            let config = config(&[stance, "sim.initial_angle_rad=[0.05, -0.1]"]);
-            let (mut a, mut b) = (GroundWorld::new(&config).unwrap(), BlocksWorld::new(&config));
-            for k in 0..500 {
-                let torque = 8.0 * libm::sin(f64::from(k) * 0.02);
-                a.step(torque, [0.01; 4], Span::from_ms(1));
-                b.step(torque, [0.01; 4], Span::from_ms(1));
-            }
-            let (a, b) = (a.reading(), b.reading());
-            for i in 0..2 {
-                let gap = (a.leg_angle_rad[i] - b.leg_angle_rad[i]).abs();
-                assert!(gap < 1e-4, "{stance}: {:?} {:?}", a.leg_angle_rad, b.leg_angle_rad);
-            }
-        }
-    }
-
-    #[test]
-    fn on_the_ground_the_falling_robot_lands_on_its_other_foot() {
-        let keys = ["sim.on_blocks=false", "sim.initial_angle_rad=[-0.05, 0.3]", "sim.initial_rate_rad_s=[-0.8, 0.0]"];
-        let mut world = GroundWorld::new(&config(&keys)).unwrap();
-        assert_eq!(world.reading().stance, Leg::Inner);
-        let landed = (0..1500).any(|_| {
-            world.step(0.0, [0.03; 4], Span::from_ms(1));
-            world.reading().stance == Leg::Outer
-        });
-        assert!(landed, "{:?}", world.reading());
-    }
-}
+#[path = "ground_tests.rs"]
+mod tests;

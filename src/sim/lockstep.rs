@@ -4,13 +4,24 @@
 //! the one of the robot).
 
 use super::plant::Plant;
-use super::world;
+use super::world::{self, WorldError};
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
 use crate::msg::{BUSES, BusHealth, Element, FrameBatch, TickInput, TickRecord, Value};
 use crate::rt::tick::{Tick, TickError};
 use crate::sensor::imu::ImuReader;
 use crate::sensor::operator::SimulatedHand;
+
+/// Why there is nothing to step.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum LockstepError {
+    /// No controller.
+    #[error(transparent)]
+    Tick(#[from] TickError),
+    /// No robot.
+    #[error(transparent)]
+    World(#[from] WorldError),
+}
 
 /// A robot and its controller, stepped together.
 pub struct Lockstep {
@@ -29,12 +40,12 @@ impl Lockstep {
     /// Both switched on at time zero. The operator is the simulated one, whatever the configuration names.
     ///
     /// # Errors
-    /// [`TickError`] when a room cannot be furnished as configured.
-    pub fn new(config: &Config) -> Result<Self, TickError> {
+    /// [`LockstepError`] when a room cannot be furnished, or the world not built, as configured.
+    pub fn new(config: &Config) -> Result<Self, LockstepError> {
         let sim = &config.simulation;
         Ok(Self {
             tick: Tick::new(config)?,
-            plant: Plant::with_world(config, world::build(config)),
+            plant: Plant::with_world(config, world::build(config)?),
             imu: ImuReader::new(&config.robot.imu),
             hand: SimulatedHand::new(sim.operator_press_s, sim.operator_release_s),
             input: TickInput { bus_health: [BusHealth::Active; BUSES], ..TickInput::default() },

@@ -11,6 +11,7 @@ mod objects;
 pub mod plant;
 pub mod scenario;
 pub mod served;
+mod toes;
 pub mod wire;
 pub mod world;
 
@@ -24,12 +25,14 @@ pub struct Reading {
     pub leg_angle_rad: [f64; 2],
     /// Their rates, rad/s.
     pub leg_rate_rad_s: [f64; 2],
-    /// Acceleration of the IMU's place on the inner leg: forward, up, m/s^2; zero if the world does not know.
+    /// Acceleration of the IMU's place, the hip: forward, up, m/s^2. The blow of an impact is not in it.
     pub imu_accel_m_s2: [f64; 2],
     /// Hip angle inner - outer at the encoder, rad.
     pub hip_encoder_rad: f64,
-    /// Toe lengths, m, 0 = retracted; inner A, inner B, outer A, outer B.
+    /// Toe lengths at the screws, m, 0 = retracted; inner A, inner B, outer A, outer B.
     pub toe_position_m: [f64; TOES],
+    /// Compression of the toes' springs, m.
+    pub toe_spring_m: [f64; TOES],
     /// Ground force on the stance toe: forward, up, N.
     pub ground_force_n: [f64; 2],
     /// The leg that stands; the last one that did while in flight.
@@ -47,6 +50,9 @@ pub trait World: Send {
     /// rotor inertia are the world's. `toe_target_m`: lengths that the drives' position loops ask for; rate and stroke
     /// limits and the series spring are the world's. A toe without power gets its present length (the screw holds).
     fn step(&mut self, hip_torque_nm: f64, toe_target_m: [f64; TOES], dt: Span);
+
+    /// The hand that holds the legs lets go.
+    fn let_go(&mut self);
 
     /// What the instruments see now.
     fn reading(&self) -> Reading;

@@ -9,6 +9,7 @@ use super::wire::{Delivered, Wire};
 use super::{Reading, World};
 use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::{Node, Object};
+use crate::bus::cia402::State;
 use crate::config::checked::{Config, DriveConfig, Hip, Robot, Simulation, Toe};
 use crate::msg::{BUSES, BusFrame, CanFrame, DRIVES, Drive, FrameBatch, MAX_FRAMES, TOES};
 use std::collections::VecDeque;
@@ -36,6 +37,8 @@ pub struct Plant {
     drives: Vec<SimDrive>,
     wires: Vec<Wire>,
     next_drive_tick: Stamp,
+    release_after: Span,
+    hip_powered_since: Option<Stamp>,
     imu: SimImu,
     echo: bool,
     to_host: Vec<VecDeque<BusFrame>>,
@@ -76,7 +79,7 @@ impl Units {
 /// What the drive can do, from the joint's limit.
 fn electrics(config: &DriveConfig, index: usize, units: &Units, simulation: &Simulation) -> Electrics {
     let limit_permille = if index == Drive::Hip as usize {
-        simulation.torque_limit_nm / units.joint_nm_per_permille.abs()
+        simulation.torque_limit_nm.map_or(f64::INFINITY, |nm| nm / units.joint_nm_per_permille.abs())
     } else {
         f64::from(config.max_torque_permille)
     };
@@ -105,6 +108,8 @@ impl Plant {
             drives: drives.collect(),
             wires: robot.buses.iter().map(|b| Wire::new(b.bitrate, timed, DRIVES + 1)).collect(),
             next_drive_tick: Stamp::default(),
+            release_after: config.simulation.release_after,
+            hip_powered_since: None,
             imu: SimImu::new(&robot.imu, &config.simulation.imu, config.simulation.seed),
             echo: true,
             to_host: vec![VecDeque::new(); BUSES],
@@ -271,6 +276,18 @@ impl Plant {
         for index in 0..DRIVES {
             self.drives[index].tick(at, &mut self.answers);
             self.put_answers(index, at);
+        }
+        self.release(at);
+    }
+
+    /// The hand that holds the robot lets go some time after the hip got its power, also of a controller that never
+    /// pushes.
+    fn release(&mut self, at: Stamp) {
+        let powered = self.drives[Drive::Hip as usize].state() == State::Enabled;
+        self.hip_powered_since = powered.then(|| self.hip_powered_since.unwrap_or(at));
+        let due = self.hip_powered_since.is_some_and(|since| at.since(since) >= self.release_after);
+        if due && self.release_after > Span::ZERO {
+            self.world.let_go();
         }
     }
 

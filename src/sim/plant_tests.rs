@@ -21,6 +21,7 @@ impl World for Flywheel {
             *toe += (target - *toe).clamp(-0.2 * dt, 0.2 * dt);
         }
     }
+    fn let_go(&mut self) {}
     fn reading(&self) -> Reading {
         self.reading
     }

@@ -1,10 +1,10 @@
 //! The simulated robot's mechanics behind [`World`]: pinned on either leg, true stick/slip friction, elastic hip, toes.
 //!
-//! Stands on blocks (Thesis 4.5).
-//! Limits: always on blocks, whatever `sim.on_blocks` says: the swing toe meets no ground, the stance toe neither slips
-//! nor lifts, the toe springs do not give. The stepping machine of `model` can all that but is not wired in here.
+//! [`BlocksWorld`] stands on blocks (Thesis 4.5): the swing toe meets no ground, the stance toe neither slips nor lifts,
+//! the toe springs do not give. [`build`] makes the world that the configuration asks for, this one or [`GroundWorld`].
 //! RT: no, but allocation-free.
 
+use super::ground::GroundWorld;
 use super::{Reading, World};
 use crate::base::ode::rk4;
 use crate::base::time::Span;
@@ -12,6 +12,7 @@ use crate::config::checked::{Config, Simulation};
 use crate::model::compass_gait::dynamics::{self, HipFriction};
 use crate::model::compass_gait::params::{Elasticity, Normalised, Params};
 use crate::model::compass_gait::{elastic, floating, toe};
+use crate::model::machine::MachineError;
 use crate::msg::{Leg, TOES};
 
 /// Longest integration step, s: a fiftieth of the period of a 40 Hz mode.
@@ -212,6 +213,10 @@ impl World for BlocksWorld {
         }
     }
 
+    fn let_go(&mut self) {
+        self.held = false;
+    }
+
     fn reading(&self) -> Reading {
         let tau = self.sign() * self.torque_nm / self.params.inertia_kg_m2();
         let ([ts, tw, _, vs, vw, _], l) = (self.x, self.params.leg_length_m);
@@ -224,6 +229,7 @@ impl World for BlocksWorld {
             imu_accel_m_s2: [l * (s * vs * vs - c * a[0]), -l * (c * vs * vs + s * a[0])],
             hip_encoder_rad: self.sign() * (ts - tw),
             toe_position_m: self.toes_m,
+            toe_spring_m: [0.0; TOES],
             ground_force_n: force.map(|f| f * self.params.mass_moment_kg_m()),
             stance: self.stance,
             airborne: false,
@@ -231,8 +237,22 @@ impl World for BlocksWorld {
     }
 }
 
-/// The world of a configuration.
-#[must_use]
-pub fn build(config: &Config) -> Box<dyn World> {
-    Box::new(BlocksWorld::new(config))
+/// Why there is no world for a configuration.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum WorldError {
+    /// On the ground, something that the stepping machine does not model.
+    #[error("sim.on_blocks = false: {0}")]
+    Ground(#[from] MachineError),
+}
+
+/// The world of a configuration: `sim.on_blocks` chooses.
+///
+/// # Errors
+/// [`WorldError`].
+pub fn build(config: &Config) -> Result<Box<dyn World>, WorldError> {
+    Ok(if config.simulation.on_blocks {
+        Box::new(BlocksWorld::new(config))
+    } else {
+        Box::new(GroundWorld::new(config)?)
+    })
 }

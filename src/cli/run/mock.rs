@@ -9,9 +9,10 @@ use crate::msg::{BUSES, FrameBatch};
 use crate::rt::clock::{self, Monotonic, Timer};
 use crate::rt::stop::Stop;
 use crate::rt::thread;
+use crate::sim::World;
 use crate::sim::plant::Plant;
-use crate::sim::world::BlocksWorld;
-use std::io::{self, Read, Write};
+use crate::sim::world;
+use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::thread::{Builder, JoinHandle};
 
@@ -37,15 +38,16 @@ pub(super) struct MockRobot {
 
 impl MockRobot {
     /// Switches it on.
-    pub(super) fn start(parts: MockParts) -> io::Result<Self> {
+    pub(super) fn start(parts: MockParts) -> anyhow::Result<Self> {
         let stop = Stop::default();
         let asked = stop.clone();
         let priority = parts.config.real_time.bus.iter().map(|bus| bus.priority).max().unwrap_or(0);
         let schedule = Thread { priority, core: None, stack_bytes: STACK_BYTES };
+        let world = world::build(&parts.config)?;
         let body = move || {
             // Without priority the simulated robot is only less punctual.
             thread::enter(&schedule);
-            Body::new(parts).run(&asked);
+            Body::new(parts, world).run(&asked);
         };
         let thread = Builder::new().name("plant".into()).stack_size(2 * STACK_BYTES).spawn(body)?;
         Ok(Self { stop, thread: Some(thread) })
@@ -71,8 +73,7 @@ struct Body {
 }
 
 impl Body {
-    fn new(parts: MockParts) -> Self {
-        let world = Box::new(BlocksWorld::new(&parts.config));
+    fn new(parts: MockParts, world: Box<dyn World>) -> Self {
         let mut plant = Plant::with_world(&parts.config, world);
         plant.start_at(clock::now());
         let ends = parts.ends.map(|end| end.map(Loopback::split));

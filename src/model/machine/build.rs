@@ -232,5 +232,6 @@ fn ground<S: Scalar>(setting: &Setting, lift: Lift<'_, S>) -> Ground<S> {
         restitution: first(EffectKind::ElasticImpact).map(|x| lift(&x[0])),
         compliance: first(EffectKind::ToeCompliance).map(|x| (lift(&x[0]), lift(&x[1]))),
         radius: first(EffectKind::RoundFoot).map(|x| lift(&x[0])),
+        lift_off: false,
     }
 }

@@ -9,9 +9,12 @@
 //! Without one it is armed once the foot has swung to the other side and is clearly apart from the stance foot: earlier
 //! scuffing is ignored (the toe is retracted).
 //!
+//! With toes of known length ([`Machine::set_toes`]) nothing is ignored but feet side by side: a foot that has been clear
+//! of the ground may come down on either side.
+//!
 //! # Limits
-//! No double support: the old foot leaves at touchdown, with `toe_compliance` too. The stance foot leaves the ground only
-//! by rebound (`elastic_impact`).
+//! No double support: the old foot leaves at touchdown, with `toe_compliance` too. The stance foot leaves the ground by
+//! rebound (`elastic_impact`), and when the ground would have to pull, if [`Machine::let_lift_off`] was called.
 //! RT: yes, no allocation.
 
 use super::events::Guard;
@@ -40,6 +43,8 @@ pub(super) struct Ground<S> {
     /// Stiffness and damping along the leg.
     pub(super) compliance: Option<(S, S)>,
     pub(super) radius: Option<S>,
+    /// The ground does not pull.
+    pub(super) lift_off: bool,
 }
 
 /// State of the feet.
@@ -56,6 +61,18 @@ pub(super) struct Feet<S> {
     pub(super) due: Option<usize>,
     pub(super) touchdowns: u32,
     pub(super) last_touchdown: S,
+    /// What each leg is shorter than its length, m, if the toes are followed.
+    pub(super) short: Option<[S; 2]>,
+    pub(super) last_strike: Strike<S>,
+}
+
+/// A foot's meeting with the ground: along it and normal to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Strike<S> {
+    /// Impulse on the foot, N s.
+    pub impulse_ns: [S; 2],
+    /// Velocity of the foot before, m/s.
+    pub velocity_m_s: [S; 2],
 }
 
 /// Feet closer than this, in leg lengths, do not touch down by themselves: a leg passes the other.
@@ -66,6 +83,8 @@ const SLOWEST_REBOUND: f64 = 5e-3;
 const STICKS: f64 = 1e-9;
 /// A swing foot below this at the start of a run stands on the ground.
 const NEAR_GROUND_M: f64 = 0.01;
+/// A foot above this has left the ground and may touch down anew.
+const CLEAR_M: f64 = 2e-4;
 /// A sprung toe shorter than this by, m, is not: rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -122,6 +141,59 @@ impl<S: Scalar> Machine<S> {
         [force(0), force(1)]
     }
 
+    /// Acceleration of the hip, m/s²: horizontally and up.
+    pub fn hip_acceleration(&mut self) -> [S; 2] {
+        self.flow_at_start();
+        let Body::Legs(legs) = &self.body else { return [S::zero(); 2] };
+        let (s, l, a) = (legs.stance(), legs.length(), &self.work.a);
+        let toe = if self.walks { [a[2], a[3]] } else { [S::zero(); 2] };
+        let (sin, cos) = (self.y.q[s] + legs.slope()).sin_cos();
+        let square = self.y.v[s] * self.y.v[s];
+        // Hip = toe + l (-sin, cos), in axes along and normal to the ground.
+        let along = toe[0] + l * (sin * square - cos * a[s]);
+        let normal = toe[1] - l * (cos * square + sin * a[s]);
+        let (sin, cos) = legs.slope().sin_cos();
+        [along * cos + normal * sin, normal * cos - along * sin]
+    }
+
+    /// The last impact of a foot.
+    #[must_use]
+    pub fn last_strike(&self) -> Strike<S> {
+        self.feet.last_strike
+    }
+
+    /// The ground does not pull from now on: a stance foot that is drawn up leaves it.
+    pub fn let_lift_off(&mut self) {
+        self.ground.lift_off = true;
+    }
+
+    /// Toes that make the legs shorter than their length by so much, m, inner and outer.
+    ///
+    /// Quasi-static: levers and heights change and the standing robot sinks or rises, but the speed with which a toe
+    /// travels does not enter the motion.
+    pub fn set_toes(&mut self, short: [S; 2]) {
+        let Some(legs) = self.legs() else { return };
+        let s = legs.stance();
+        let change = short[s] - self.short(s);
+        let (sin, cos) = (self.y.q[s] + legs.slope()).sin_cos();
+        if self.feet.contact != Contact::Flight {
+            // The tip stays; the toe of a leg of full length is `short` beyond it.
+            let rate = self.y.v[s];
+            self.y.q[2] += change * sin;
+            self.y.q[3] -= change * cos;
+            self.y.v[2] += change * cos * rate;
+            self.y.v[3] += change * sin * rate;
+        }
+        self.feet.short = Some(short);
+        if self.swing_height(&self.y).is_some_and(|h| h.value() > CLEAR_M) {
+            self.feet.side = 0.0;
+        }
+    }
+
+    fn short(&self, leg: usize) -> S {
+        self.feet.short.map_or(S::zero(), |short| short[leg])
+    }
+
     /// The recording says that `leg` stands from about now on; `None` disarms.
     pub fn expect_stance(&mut self, leg: Option<usize>) {
         self.feet.told = true;
@@ -149,14 +221,17 @@ impl<S: Scalar> Machine<S> {
             rows.normal[s] = -(l * ss);
             rows.normal[w] = l * sw;
         }
-        if let Some(radius) = self.ground.radius {
-            // A rolling arc: its contact point moves with the toe and turns about the arc's centre.
-            let leg = if swing { w } else { s };
+        let leg = if swing { w } else { s };
+        // A rolling arc: its contact point moves with the toe and turns about the arc's centre. A short toe: so too,
+        // but it does not roll.
+        let (radius, short) = (self.ground.radius.unwrap_or_default(), self.short(leg));
+        let reach = radius + short;
+        if self.ground.radius.is_some() || self.feet.short.is_some() {
             let (sin, cos) = (y.q[leg] + legs.slope()).sin_cos();
             let rate = y.v[leg];
-            rows.tangent[leg] -= radius * (cos - 1.0);
-            rows.normal[leg] -= radius * sin;
-            rows.bias = [radius * sin * rate * rate, -(radius * cos * rate * rate)];
+            rows.tangent[leg] -= reach * cos - radius;
+            rows.normal[leg] -= reach * sin;
+            rows.bias = [reach * sin * rate * rate, -(reach * cos * rate * rate)];
         }
         Some(rows)
     }
@@ -170,7 +245,7 @@ impl<S: Scalar> Machine<S> {
         if let Some(radius) = self.ground.radius {
             height += radius * (cw - 1.0);
         }
-        Some(height)
+        Some(height + self.short(w) * cw)
     }
 
     /// Swing toe ahead of the stance toe, m along the ground.
@@ -205,10 +280,9 @@ impl<S: Scalar> Machine<S> {
     }
 
     fn stance_height(&self, y: &Phase<S>) -> S {
-        match (self.legs(), self.ground.radius) {
-            (Some(legs), Some(radius)) => y.q[3] + radius * ((y.q[legs.stance()] + legs.slope()).cos() - 1.0),
-            _ => y.q[3],
-        }
+        let Some(legs) = self.legs() else { return y.q[3] };
+        let cos = (y.q[legs.stance()] + legs.slope()).cos();
+        y.q[3] + self.ground.radius.unwrap_or_default() * (cos - 1.0) + self.short(legs.stance()) * cos
     }
 
     /// Sliding speed in the direction of sliding.
@@ -356,6 +430,7 @@ impl<S: Scalar> Machine<S> {
         let n = self.n;
         let (wt, wn) = (self.work.kick(&rows.tangent, n), self.work.kick(&rows.normal, n));
         let speed = [product(&rows.tangent, &self.y.v, n), product(&rows.normal, &self.y.v, n)];
+        self.feet.last_strike = Strike { impulse_ns: [S::zero(); 2], velocity_m_s: speed };
         if self.ground.compliance.is_some() {
             self.strike_sprung(rows, &wt, &wn, speed);
             return;
@@ -381,6 +456,7 @@ impl<S: Scalar> Machine<S> {
             impulse = [friction * side * normal, normal];
             slides = -side;
         }
+        self.feet.last_strike.impulse_ns = impulse;
         for i in 0..n {
             self.y.v[i] += wt[i] * impulse[0] + wn[i] * impulse[1];
         }
@@ -420,8 +496,11 @@ impl<S: Scalar> Machine<S> {
 
     /// The stance foot at the start of a run: on the ground, rolling or sprung as the legs turn.
     pub(super) fn start_feet(&mut self) {
-        let told = self.feet.told;
+        let Feet { told, short, .. } = self.feet;
         self.feet = Feet { told, side: self.standing_side().unwrap_or(0.0), ..Feet::default() };
+        if let Some(short) = short {
+            self.set_toes(short);
+        }
         let Some(legs) = self.legs() else { return };
         let s = legs.stance();
         let (angle, rate) = (self.y.q[s] + legs.slope(), self.y.v[s]);
@@ -447,6 +526,11 @@ impl<S: Scalar> Machine<S> {
         self.flow_at_start();
         let held = self.work.force_of(Holder::Tangent).map_or(0.0, |f| f.sign());
         self.feet.contact = Contact::Sliding(if held > 0.0 { -1.0 } else { 1.0 });
+    }
+
+    /// The ground would have to pull.
+    pub(super) fn lift_off(&mut self) {
+        self.feet.contact = Contact::Flight;
     }
 
     /// A sliding foot has come to rest.

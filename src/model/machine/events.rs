@@ -25,6 +25,8 @@ pub(super) enum Guard {
     SlideStart,
     /// A sliding foot comes to rest.
     SlideStop,
+    /// The stance foot is drawn off the ground.
+    LiftOff,
 }
 
 /// Events in one substep; beyond that (chatter at a point of rest) the step is taken as it is.
@@ -99,7 +101,7 @@ impl<S: Scalar> Machine<S> {
                 consider(guard, value);
             }
         }
-        needs_forces |= self.ground.friction.is_some() && self.walks;
+        needs_forces |= self.walks && (self.ground.friction.is_some() || self.ground.lift_off);
         if needs_forces {
             let mut work = std::mem::take(&mut self.work);
             self.flow(&self.end, self.now + h, &mut work);
@@ -135,7 +137,7 @@ impl<S: Scalar> Machine<S> {
                     _ => None,
                 },
                 Holder::Tangent => self.cone_guard(work).map(|value| (Guard::SlideStart, value)),
-                Holder::Normal => None,
+                Holder::Normal => self.ground.lift_off.then_some((Guard::LiftOff, force + ROUNDING)),
             }
         })
     }
@@ -186,7 +188,7 @@ impl<S: Scalar> Machine<S> {
             Guard::Touchdown => self.touchdown_guard(&self.end),
             Guard::Land => self.landing_guard(&self.end),
             Guard::SlideStop => self.slide_guard(&self.end),
-            Guard::Release(_) | Guard::Part(_) | Guard::SlideStart => None,
+            Guard::Release(_) | Guard::Part(_) | Guard::SlideStart | Guard::LiftOff => None,
         }
     }
 
@@ -229,7 +231,7 @@ impl<S: Scalar> Machine<S> {
                 event
             }
             // The flow does not jump here, so the instant does not matter to first order.
-            Guard::Release(_) | Guard::Part(_) | Guard::SlideStart => return S::zero(),
+            Guard::Release(_) | Guard::Part(_) | Guard::SlideStart | Guard::LiftOff => return S::zero(),
         };
         // A foot that is armed below the ground does not cross it: no instant to move.
         let crosses = g.value().abs() < OFF_GUARD && rate.value().abs() > f64::MIN_POSITIVE;
@@ -253,6 +255,7 @@ impl<S: Scalar> Machine<S> {
             Guard::Land => self.land(),
             Guard::SlideStart => self.start_sliding(),
             Guard::SlideStop => self.stop_sliding(),
+            Guard::LiftOff => self.lift_off(),
         }
         self.settle_modes();
     }
@@ -320,7 +323,7 @@ impl<S: Scalar> Machine<S> {
         for _ in 0..MOST_CHANGES {
             let stuck = self.axes.iter().zip(&self.grips).any(|(a, g)| a.dry.is_some() && *g == Grip::Stuck);
             let closed = self.plays.iter().any(|p| matches!(p, Play::Closed(_)));
-            let may_slip = self.walks && self.ground.friction.is_some();
+            let may_slip = self.walks && (self.ground.friction.is_some() || self.ground.lift_off);
             if !stuck && !closed && !may_slip {
                 return;
             }
@@ -331,6 +334,7 @@ impl<S: Scalar> Machine<S> {
                 Guard::Release(i) => self.release(i),
                 Guard::Part(i) => self.plays[i] = Play::Free,
                 Guard::SlideStart => self.start_sliding(),
+                Guard::LiftOff => self.lift_off(),
                 _ => return,
             }
         }
