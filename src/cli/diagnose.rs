@@ -1,6 +1,7 @@
 //! `compass diagnose CASE`: what physics is missing in a simulation. RT: no.
 
 use super::{Outcome, Run, progress};
+use crate::diagnose::own::OwnCase;
 use crate::diagnose::pipeline::{Answer, diagnose};
 use crate::identify::experiment::Experiment;
 use crate::report::page;
@@ -15,12 +16,19 @@ use std::path::PathBuf;
 Examples:
   compass diagnose cases/real/emps
   compass diagnose my_case --out answer     diagnosis.json, model.toml and report.html in answer/
+  compass diagnose --own REC.mcap --out answer
+      the robot itself: recordings of `compass run` or `sim` against the model that its controller used; the case that
+      is made of them goes to answer/case
 
 A case is a folder with rig.toml and the recordings that it names. Nothing is written into it.
 Exit codes: 0 nothing found, 1 a mismatch found, 2 usage, 3 bad input.")]
 pub(crate) struct Args {
     /// Folder with rig.toml and its recordings
-    case: PathBuf,
+    #[arg(required_unless_present = "own", conflicts_with = "own")]
+    case: Option<PathBuf>,
+    /// Recordings of the robot itself, against the model that is inside them
+    #[arg(long, value_name = "REC.mcap", num_args = 1..)]
+    own: Vec<PathBuf>,
     /// Folder for diagnosis.json, model.toml and report.html; made if it is not there
     #[arg(long, value_name = "DIR", default_value = "diagnosis")]
     out: PathBuf,
@@ -34,7 +42,7 @@ pub(crate) struct Args {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
-        let experiment = Experiment::load(&self.case)?;
+        let experiment = Experiment::load(&self.case_folder()?)?;
         let spinner = progress::spinner("diagnosing");
         let tell = |text: &str| {
             spinner.set_message(text.to_owned());
@@ -60,6 +68,21 @@ impl Run for Args {
 }
 
 impl Args {
+    /// The case as named, or the one that is made of our own recordings.
+    fn case_folder(&self) -> anyhow::Result<PathBuf> {
+        if let Some(case) = &self.case {
+            return Ok(case.clone());
+        }
+        let (case, folder) = (OwnCase::of(&self.own)?, self.out.join("case"));
+        fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        let rig = [("rig.toml".to_owned(), case.rig.to_toml())];
+        for (name, text) in rig.iter().chain(&case.files) {
+            let path = folder.join(name);
+            fs::write(&path, text).with_context(|| path.display().to_string())?;
+        }
+        Ok(folder)
+    }
+
     fn write(&self, answer: &Answer) -> anyhow::Result<()> {
         fs::create_dir_all(&self.out).with_context(|| self.out.display().to_string())?;
         let json = serde_json::to_string_pretty(&answer.findings.diagnosis)? + "\n";

@@ -12,6 +12,7 @@ pub mod hypothesis;
 pub mod likelihood;
 pub mod linearise;
 pub mod localise;
+pub mod own;
 pub mod pipeline;
 pub mod propose;
 pub mod prove;

@@ -1,10 +1,12 @@
-//! A case as data: the rig, and each recording with its columns where the rig wants them.
+//! A case as data: the rig, and each recording with its columns where the rig wants them. Recordings are CSV files, or
+//! those of our own controller ([`mcap`]).
 //!
 //! CSV errors name file, row (as an editor counts, the header being 1), column and remedy. What is only suspicious
 //! (an angle that looks like degrees, gaps, a channel that never moves) is a warning: the work goes on.
 //! RT: no.
 
 mod csv_table;
+pub mod mcap;
 mod warn;
 
 use crate::model::rig::{RecordingEntry, Rig, RigErrors, Setup, Use};
@@ -12,6 +14,8 @@ use std::fs;
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+
+use mcap::Own;
 
 pub use csv_table::Table;
 
@@ -118,7 +122,8 @@ impl Recording {
             .get(index)
             .ok_or_else(|| ExperimentError::Form(format!("the rig has no recording number {index}")))?;
         if path.extension().is_some_and(|e| e == "mcap") {
-            return Err(ExperimentError::Form(format!("{}: export it with `compass export` first", path.display())));
+            let own = Own::read(path)?;
+            return Self::from_table(rig, index, entry, &own.table).map_err(ExperimentError::Table);
         }
         let file = path.display().to_string();
         let bytes = fs::read(path).map_err(|source| ExperimentError::File { path: path.to_owned(), source })?;

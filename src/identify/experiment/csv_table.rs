@@ -18,6 +18,17 @@ enum Cell {
     Bad(String),
 }
 
+impl Cell {
+    /// As it stands in a file; a number reads back to the same bits.
+    fn show(&self) -> String {
+        match self {
+            Self::Number(x) => format!("{x}"),
+            Self::Empty => String::new(),
+            Self::Bad(text) => text.clone(),
+        }
+    }
+}
+
 /// After so many complaints about one column the rest is counted, not listed.
 const LISTED: usize = 3;
 
@@ -43,6 +54,44 @@ impl Table {
             wrong.push(format!("{file}: has {} rows of data, at least 2 are needed", table.rows.len()));
         }
         if wrong.is_empty() { Ok(table) } else { Err(shortened(wrong)) }
+    }
+
+    /// A table made of `columns`; NaN = empty. `file` is its name for messages.
+    #[must_use]
+    pub fn of_columns(file: &str, names: &[&str], columns: Vec<Vec<f64>>) -> Self {
+        let of = |x: f64| if x.is_finite() { Cell::Number(x) } else { Cell::Empty };
+        let rows = columns.first().map_or(0, Vec::len) as u64;
+        Self {
+            file: file.to_owned(),
+            names: names.iter().map(|n| (*n).to_owned()).collect(),
+            columns: columns.into_iter().map(|c| c.into_iter().map(of).collect()).collect(),
+            // As an editor would count, were it a CSV file.
+            rows: (2..rows + 2).collect(),
+        }
+    }
+
+    /// The rows `rows` as the text of a CSV file.
+    #[must_use]
+    pub fn to_csv(&self, rows: std::ops::Range<usize>) -> String {
+        let mut text = self.names.join(",") + "\n";
+        for row in rows {
+            let cells: Vec<String> = self.columns.iter().map(|c| c[row].show()).collect();
+            text.push_str(&cells.join(","));
+            text.push('\n');
+        }
+        text
+    }
+
+    /// How many rows of data.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// True without data.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
     }
 
     fn header_errors(&self) -> Vec<String> {

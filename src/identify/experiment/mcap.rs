@@ -1,0 +1,232 @@
+//! A recording of our own controller (`.mcap`) as a table, so that it may stand wherever a CSV may.
+//!
+//! A row is one SYNC of the hip's bus: the drive samples its encoder and takes over its command at that instant, so
+//! reading and command of a row hold for exactly `t_s` (time of validity, not the tick that heard of it).
+//!
+//! | column | what | of |
+//! |---|---|---|
+//! | `t_s` | the SYNC, s since the first tick of the recording | `feedback` stamp |
+//! | `hip_angle_rad` | hip encoder, inner - outer, at the joint | `snapshot.hip_angle_rad` |
+//! | `hip_torque_nm` | command as the drive took it, at the joint, + on inner; acts from this row to the next | `drives` |
+//! | `hip_torque_applied_nm` | torque by the drive's own report, mean of this row and the next | `snapshot.hip_torque_nm` |
+//! | `leg_rate_rad_s` | gyro on the inner leg, brought to `t_s`; empty in rows without a new sample | `imu` |
+//! | `leg_angle_rad` | attitude of the inner leg by the IMU's own filter, likewise; empty if it streams none | `imu` |
+//! | `stance` | leg that stands: 0 inner, 1 outer | `estimate.stance` |
+//! | `armed` | 1 while the controller's torque reaches the motor | `status.mode` |
+//!
+//! Of a recording that was armed only the longest armed stretch is given, less its first [`SETTLING_S`]: before it a hand
+//! may hold the robot. One that never was armed is given whole.
+//! RT: no.
+
+use super::ExperimentError;
+use super::csv_table::Table;
+use crate::base::time::{Span, Stamp};
+use crate::config::checked::Config;
+use crate::config::from_canonical;
+use crate::msg::{Drive, DriveState, Mode, TickRecord};
+use crate::record::Reader;
+use std::collections::VecDeque;
+use std::path::Path;
+
+/// After arming the torque ramps up and whoever holds the robot lets go.
+pub const SETTLING_S: f64 = 0.5;
+/// Longest gap between IMU samples that a straight line bridges.
+const LONGEST_IMU_GAP: Span = Span::from_ms(10);
+/// A hip reading later than this is a gap, not the next row.
+const LONGEST_ROW: Span = Span::from_ms(20);
+/// Commands that may wait for the SYNC that makes them act.
+const COMMANDS_KEPT: usize = 8;
+
+/// Names of all columns, in the order of [`Row::cells`].
+pub const COLUMNS: [&str; 8] = [
+    "t_s",
+    "hip_angle_rad",
+    "hip_torque_nm",
+    "hip_torque_applied_nm",
+    "leg_rate_rad_s",
+    "leg_angle_rad",
+    "stance",
+    "armed",
+];
+
+/// What a recording of our own controller says.
+#[derive(Clone, Debug)]
+pub struct Own {
+    /// The configuration it was made with, the controller's model among it.
+    pub config: Config,
+    /// The columns above.
+    pub table: Table,
+}
+
+impl Own {
+    /// Reads `path`; a torn file up to its last whole tick.
+    ///
+    /// # Errors
+    /// The file is no recording of this program, or holds nothing that a model can be run against.
+    pub fn read(path: &Path) -> Result<Self, ExperimentError> {
+        let file = path.display().to_string();
+        let form = |what: String| ExperimentError::Form(format!("{file}: {what}"));
+        let mut reader = Reader::open(path).map_err(|e| ExperimentError::Form(whole_chain(&e)))?;
+        let mut first = reader.next_tick().map_err(|e| ExperimentError::Form(whole_chain(&e)))?;
+        let text = reader.about().config_text.clone();
+        let text = text.ok_or_else(|| form("holds no configuration, so its units are unknown; record again".into()))?;
+        let config = from_canonical(&text, &[])
+            .map_err(|e| form(format!("its configuration is of another version of this program:\n{e}")))?
+            .config;
+        let mut gather = Gather::new(&config);
+        while let Some(tick) = first.take() {
+            gather.take(&tick);
+            first = reader.next_tick().map_err(|e| ExperimentError::Form(whole_chain(&e)))?;
+        }
+        let rows = gather.rows();
+        let rows = usable(&rows);
+        if rows.len() < 2 {
+            return Err(form("the hip drive never answered, nothing to run a model against".into()));
+        }
+        let columns = (0..COLUMNS.len()).map(|c| rows.iter().map(|r| r.cells()[c]).collect()).collect();
+        Ok(Self { config, table: Table::of_columns(&file, &COLUMNS, columns) })
+    }
+}
+
+/// An error with its causes, in one line.
+fn whole_chain(error: &dyn std::error::Error) -> String {
+    let causes = std::iter::successors(error.source(), |e| e.source());
+    causes.fold(error.to_string(), |text, cause| format!("{text}: {cause}"))
+}
+
+/// What holds at one SYNC.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    at: Stamp,
+    t_s: f64,
+    hip_angle_rad: f64,
+    command_nm: f64,
+    reported_nm: f64,
+    leg_rate_rad_s: f64,
+    leg_angle_rad: f64,
+    stance: f64,
+    armed: bool,
+}
+
+impl Row {
+    fn cells(&self) -> [f64; COLUMNS.len()] {
+        [
+            self.t_s,
+            self.hip_angle_rad,
+            self.command_nm,
+            self.reported_nm,
+            self.leg_rate_rad_s,
+            self.leg_angle_rad,
+            self.stance,
+            f64::from(u8::from(self.armed)),
+        ]
+    }
+}
+
+/// An IMU sample of the inner leg; the angle is NaN if the device streams none.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    at: Stamp,
+    rate_rad_s: f64,
+    angle_rad: f64,
+}
+
+/// Collects rows tick by tick.
+struct Gather {
+    nm_per_permille: f64,
+    imu_sign: f64,
+    imu_offset_rad: f64,
+    start: Option<Stamp>,
+    /// Commands with the tick that sent them, oldest first.
+    commands: VecDeque<(Stamp, f64)>,
+    rows: Vec<Row>,
+    samples: Vec<Sample>,
+}
+
+impl Gather {
+    fn new(config: &Config) -> Self {
+        let (hip, imu) = (&config.robot.hip, &config.robot.imu);
+        let rated_nm = config.robot.drives[Drive::Hip as usize].rated_torque_nm;
+        Self {
+            nm_per_permille: 1e-3 * rated_nm * hip.gear_ratio * hip.gear_efficiency * hip.motor_sign,
+            imu_sign: imu.sign,
+            imu_offset_rad: imu.offset_rad,
+            start: None,
+            commands: VecDeque::new(),
+            rows: Vec::new(),
+            samples: Vec::new(),
+        }
+    }
+
+    fn take(&mut self, tick: &TickRecord) {
+        let start = *self.start.get_or_insert(tick.input.now);
+        self.take_imu(tick);
+        self.take_row(tick, start);
+        let hip = &tick.drives.drives[Drive::Hip as usize];
+        let enabled = tick.feedback.drives[Drive::Hip as usize].state == DriveState::Enabled;
+        let nm = if enabled { self.nm_per_permille * f64::from(hip.torque_permille) } else { 0.0 };
+        self.commands.push_back((tick.input.now, nm));
+        if self.commands.len() > COMMANDS_KEPT {
+            self.commands.pop_front();
+        }
+    }
+
+    fn take_imu(&mut self, tick: &TickRecord) {
+        for sample in tick.input.imu.as_slice() {
+            let [_, pitch, _] = sample.euler_rad;
+            let [_, rate, _] = sample.rate_rad_s;
+            let angle = self.imu_offset_rad + self.imu_sign * pitch;
+            self.samples.push(Sample {
+                at: sample.stamp,
+                rate_rad_s: self.imu_sign * rate,
+                angle_rad: if sample.has_attitude { angle } else { f64::NAN },
+            });
+        }
+    }
+
+    fn take_row(&mut self, tick: &TickRecord, start: Stamp) {
+        let at = tick.feedback.drives[Drive::Hip as usize].stamp;
+        if at < start || self.rows.last().is_some_and(|r| at <= r.at) {
+            return;
+        }
+        let sent = self.commands.iter().rev().find(|(now, _)| *now <= at);
+        self.rows.push(Row {
+            at,
+            t_s: at.since(start).as_s(),
+            hip_angle_rad: tick.snapshot.hip_angle_rad,
+            command_nm: sent.map_or(0.0, |(_, nm)| *nm),
+            reported_nm: tick.snapshot.hip_torque_nm,
+            leg_rate_rad_s: f64::NAN,
+            leg_angle_rad: f64::NAN,
+            stance: f64::from(tick.estimate.stance as u8),
+            armed: tick.status.mode == Mode::Armed,
+        });
+    }
+
+    /// The rows with the IMU's samples brought to their instants, and the reported torque to its mean.
+    fn rows(mut self) -> Vec<Row> {
+        for k in 1..self.rows.len() {
+            self.rows[k - 1].reported_nm = 0.5 * (self.rows[k - 1].reported_nm + self.rows[k].reported_nm);
+        }
+        for pair in self.samples.windows(2) {
+            let (a, b) = (pair[0], pair[1]);
+            let row = self.rows.partition_point(|r| r.at < a.at);
+            let gap = b.at.since(a.at);
+            let Some(row) = self.rows.get_mut(row).filter(|r| r.at < b.at && gap <= LONGEST_IMU_GAP) else { continue };
+            let share = row.at.since(a.at).as_s() / gap.as_s();
+            row.leg_rate_rad_s = a.rate_rad_s + share * (b.rate_rad_s - a.rate_rad_s);
+            row.leg_angle_rad = a.angle_rad + share * (b.angle_rad - a.angle_rad);
+        }
+        self.rows
+    }
+}
+
+/// The longest stretch with torque and without a gap, less its beginning; all rows if there never was torque.
+fn usable(rows: &[Row]) -> &[Row] {
+    let follows = |a: &Row, b: &Row| a.armed && b.armed && b.at.since(a.at) <= LONGEST_ROW;
+    let longest = rows.chunk_by(follows).filter(|c| c[0].armed).max_by_key(|c| c.len());
+    longest.map_or(rows, |stretch| {
+        let from_s = stretch[0].t_s + SETTLING_S;
+        &stretch[stretch.partition_point(|r| r.t_s < from_s)..]
+    })
+}
