@@ -8,10 +8,11 @@
 use crate::diagnose::candidates::{Candidate, look_alike};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{Difference, blocks, difference, white};
-use crate::identify::fit::{Limits, promise};
+use crate::diagnose::screen::{Column, Screen};
+use crate::identify::fit::{FreeRuns, Limits, Point, Series};
 use crate::identify::noise::Colour;
 use crate::model::effect::EffectKind;
-use crate::model::rig::{Effect, Rig, Value};
+use crate::model::rig::{Effect, Rig, Scope, Slot, Value};
 use rayon::prelude::*;
 
 /// Candidates that are fitted in full per round.
@@ -88,40 +89,83 @@ pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
     out
 }
 
-/// A candidate, its best start and the cost that it promises.
+/// A candidate, its best start and the fall of twice the log-likelihood that it promises.
 type Ranked<'c> = (&'c Candidate, Vec<f64>, f64);
 
-/// Gives each candidate its best start by the cost that one step promises; best candidates first. Also the cost now.
-fn screened<'c>(
-    base: &Hypothesis,
-    library: &'c [Candidate],
-    noise: &[Colour],
-    context: &Context,
-) -> (Vec<Ranked<'c>>, f64) {
+/// Gives each candidate its best start by the gain that one step promises; best candidates first.
+///
+/// Base parameters and initial states are followed along the base solution's own tangent: a start then costs one run
+/// with its few own directions instead of a full linearisation.
+fn screened<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour]) -> Vec<Ranked<'c>> {
+    let Some(screen) = Screen::new(&base.problem, &base.point, noise) else { return Vec::new() };
+    let plain: Option<Vec<Vec<Series>>> = (0..base.problem.windows())
+        .into_par_iter()
+        .map(|w| base.problem.run(w, &base.point.parameters, &base.point.states[w], false))
+        .collect();
+    let Some(plain) = plain else { return Vec::new() };
     let starts: Vec<(&Candidate, &Vec<f64>)> =
         library.iter().flat_map(|c| c.starts.iter().map(move |s| (c, s))).collect();
-    let costs: Vec<f64> = starts
+    let gains: Vec<f64> = starts
         .par_iter()
-        .map(|(candidate, start)| {
-            let (problem, point) = base.extended(with_effect(&base.rig, candidate, start));
-            promise(&problem, &point, &problem.bounds(), noise).map_or(f64::INFINITY, |(at, after)| after.min(at))
-        })
+        .map(|(candidate, start)| promised(base, &screen, &plain, candidate, start).unwrap_or(f64::NEG_INFINITY))
         .collect();
     let mut best: Vec<Ranked<'_>> = Vec::new();
-    for ((candidate, start), cost) in starts.into_iter().zip(costs) {
+    for ((candidate, start), gain) in starts.into_iter().zip(gains) {
         match best.iter_mut().find(|(c, ..)| std::ptr::eq(*c, candidate)) {
-            Some(entry) if cost < entry.2 => (entry.1, entry.2) = (start.clone(), cost),
+            Some(entry) if gain > entry.2 => (entry.1, entry.2) = (start.clone(), gain),
             Some(_) => {}
-            None => best.push((candidate, start.clone(), cost)),
+            None => best.push((candidate, start.clone(), gain)),
         }
     }
     best.retain(|b| b.2.is_finite());
-    best.sort_by(|a, b| a.2.total_cmp(&b.2));
-    let now: f64 = (base.residuals.iter().zip(noise).zip(&context.floors))
-        .filter(|(_, floor)| floor.is_finite())
-        .map(|((runs, colour), _)| runs.iter().flatten().map(|x| (x / colour.sigma).powi(2)).sum::<f64>())
-        .sum();
-    (best, now)
+    best.sort_by(|a, b| b.2.total_cmp(&a.2));
+    best
+}
+
+/// Gain that `candidate` promises from `start`: the move that the start itself makes, and one step from there.
+fn promised(
+    base: &Hypothesis,
+    screen: &Screen,
+    plain: &[Vec<Series>],
+    candidate: &Candidate,
+    start: &[f64],
+) -> Option<f64> {
+    let (problem, point) = base.extended(with_effect(&base.rig, candidate, start));
+    let e = base.rig.effects.len();
+    let own = |slot: Slot| matches!(slot, Slot::Effect(Scope::Rig, i, _) if i == e);
+    let length = |p: &Point| p.states.first().map_or(0, Vec::len);
+    // Where inner states differ, those of the base are directions once more, which the projection allows for.
+    let added = length(&point) != length(&base.point);
+    let states = if added { 2 * problem.degrees() } else { length(&point) };
+    let runs: Vec<Vec<Series>> =
+        (0..problem.windows()).map(|w| problem.run_along(w, &point, own, states)).collect::<Option<_>>()?;
+    let mine = problem.theta.entries.iter().enumerate().filter(|(_, entry)| own(entry.slot));
+    let of_problem = problem.bounds();
+    let mut bounds: Vec<(f64, f64)> =
+        mine.map(|(i, _)| (of_problem[i].min - point.parameters[i], of_problem[i].max - point.parameters[i])).collect();
+    let directions = runs.first()?.first()?.slopes.len();
+    let mut columns: Vec<Column> = vec![moved(&runs, plain)];
+    columns.extend((0..bounds.len()).map(|j| slopes(&runs, j)));
+    // Every window has its own inner state.
+    for w in 0..runs.len() {
+        for j in bounds.len().min(directions)..directions {
+            let mut column: Column = vec![Vec::new(); runs.len()];
+            column[w] = runs[w].iter().map(|s| s.slopes[j].clone()).collect();
+            columns.push(column);
+        }
+    }
+    bounds.resize(columns.len() - 1, (f64::NEG_INFINITY, f64::INFINITY));
+    Some(screen.promise(&columns, &bounds))
+}
+
+/// By how much the start moves the simulation.
+fn moved(runs: &[Vec<Series>], plain: &[Vec<Series>]) -> Column {
+    let one = |(a, b): (&Series, &Series)| a.residual.iter().zip(&b.residual).map(|(x, y)| x - y).collect();
+    runs.iter().zip(plain).map(|(a, b)| a.iter().zip(b).map(one).collect()).collect()
+}
+
+fn slopes(runs: &[Vec<Series>], j: usize) -> Column {
+    runs.iter().map(|window| window.iter().map(|s| s.slopes[j].clone()).collect()).collect()
 }
 
 /// The candidates worth a full fit: the best, and every lookalike of the best three at the same place or any.
@@ -134,20 +178,25 @@ fn chosen<'c>(ranked: &[Ranked<'c>]) -> Vec<(&'c Candidate, Vec<f64>)> {
 
 /// All candidates of one round on top of `base`, best first by what they gain.
 #[must_use]
-pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context) -> Vec<Trial> {
+pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context, mut said: impl FnMut(&str)) -> Vec<Trial> {
     let noise = white(&base.residuals, &context.floors);
-    let (ranked, now) = screened(base, library, &noise, context);
-    // Nothing promises a third of what would count: a healthy machine is not worth a hundred fits.
-    if ranked.first().is_none_or(|best| now - best.2 < 0.3 * worth(context, 1)) {
+    let ranked = screened(base, library, &noise);
+    // Nothing promises a third of what would count: a healthy machine is not worth a dozen fits.
+    if ranked.first().is_none_or(|best| best.2 < 0.3 * worth(context, 1)) {
         return Vec::new();
     }
+    said("screened");
     let coarse = Limits { iterations: 6, tolerance: 3e-4 };
     let fitted = |(candidate, start): (&Candidate, Vec<f64>)| {
         let (problem, point) = base.extended(with_effect(&base.rig, candidate, &start));
         let hypothesis = Hypothesis::fitted(problem, point, &noise, &context.floors, coarse)?;
         Some(Trial { candidate: candidate.clone(), hypothesis, gain: 0.0 })
     };
+    for (c, start, gain) in ranked.iter().take(12) {
+        said(&format!("   {:20} {:12} promises {gain:9.1} from {start:?}", c.effect, c.at));
+    }
     let mut trials: Vec<Trial> = chosen(&ranked).into_par_iter().filter_map(fitted).collect();
+    said("fitted");
     polish(base, &mut trials, context);
     trials
 }
@@ -298,7 +347,8 @@ pub fn forward(
     let mut explained = 0.0;
     loop {
         let candidates = library(&now);
-        let mut trials = round(&now, &candidates, context);
+        said(&format!("{} candidates", candidates.len()));
+        let mut trials = round(&now, &candidates, context, &mut said);
         let Some(first) = trials.first() else { return (now, added, trials) };
         for t in trials.iter().take(6) {
             let values: Vec<f64> =

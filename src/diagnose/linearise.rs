@@ -5,53 +5,133 @@
 //! out of the tangent, not of the states: the tangent only proposes, the fits decide.
 //! RT: no.
 
-use crate::diagnose::base::known;
+use crate::base::scalar::{Dual, Scalar};
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::tangent::Tangent;
+use crate::diagnose::tangent::{InputMap, STATES, StateMap, StateRow, Tangent};
 use crate::identify::experiment::Recording;
-use crate::identify::rollout::{Linearised, Readings, Rollout};
-use crate::identify::theta::Theta;
+use crate::identify::rollout::{Readings, Rollout};
 use crate::model::effect::{EffectKind, SiteKind};
-use crate::model::rig::{Effect, Rig, Sensor, Side, Value};
+use crate::model::machine::Machine;
+use crate::model::rig::{Effect, Rig, Scope, Sensor, Side, Slot, Value};
+use crate::model::setting::{Number, Setting};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use std::ops::Range;
+
+/// Directions of a row's run: initial state, then a force at each coordinate.
+const LANES: usize = 8;
 
 /// The tangent of all windows. `None` if a run fails.
 #[must_use]
 pub fn tangents(of: &Hypothesis) -> Option<Vec<Tangent>> {
-    (0..of.problem.windows.len()).into_par_iter().map(|w| tangent(of, w)).collect()
+    let forces = with_forces(&rigid(&of.rig));
+    let probe = probing(&of.rig);
+    (0..of.problem.windows.len()).into_par_iter().map(|w| tangent(of, &probe, &forces, w)).collect()
 }
 
-fn tangent(of: &Hypothesis, window: usize) -> Option<Tangent> {
+fn tangent(of: &Hypothesis, probe: &Rig, forces: &Rig, window: usize) -> Option<Tangent> {
     let (r, w) = of.problem.windows[window];
     let recording = &of.problem.recordings[r];
-    let probe = probing(&of.rig);
     let blank = blanked(recording, probe.sensors.len());
-    let rollout = Rollout::new(&probe, &blank, of.problem.fidelity).ok()?;
+    let rollout = Rollout::new(probe, &blank, of.problem.fidelity).ok()?;
     let rows = rollout.windows()[w].clone();
     let mut readings = Readings::default();
     rollout.simulate(w, &of.point.states[window], &mut readings).ok()?;
     let states: Vec<Vec<f64>> = (0..rows.len()).map(|k| readings.channels.iter().map(|c| c[k]).collect()).collect();
-    let rigid = rigid(&probe);
-    let forces = with_forces(&rigid);
-    let theta = Theta::of(&forces);
-    let (mut phi, mut gamma) = (Vec::new(), Vec::new());
-    let first = slice(&blank, rows.start.min(blank.times.len().saturating_sub(2)));
-    let map = coordinate_map(&forces, &theta, &first, of)?;
-    let output = output_map(&of.rig, &rigid, &first, &(&map * coordinates(&states[0])), of)?;
-    for k in 0..rows.len() {
-        let last = k + 1 == rows.len();
-        let piece = slice(&blank, rows.start + k - usize::from(last));
-        let step = one_row(&forces, &theta, &piece, &(&map * coordinates(&states[k])), &map, of)?;
-        phi.push(step.phi);
-        gamma.push(step.gamma);
-    }
+    let mut stepper = Stepper::new(forces, recording, of.problem.fidelity.refine)?;
+    let output = stepper.outputs();
+    let (phi, gamma) = stepper.steps(&rows, &states)?;
     let t_s = recording.times[rows].to_vec();
     Some(Tangent { recording: r, t_s, states, phi, gamma, output })
 }
 
-fn coordinates(state: &[f64]) -> DVector<f64> {
-    DVector::from_column_slice(state)
+/// Runs single rows of one recording in dual numbers.
+struct Stepper<'r> {
+    recording: &'r Recording,
+    machine: Machine<Dual<LANES>>,
+    /// Numbers of the initial state.
+    states: usize,
+    joints: usize,
+    /// From coordinates and rates to the numbers of the initial state.
+    map: DMatrix<f64>,
+}
+
+impl<'r> Stepper<'r> {
+    fn new(forces: &Rig, recording: &'r Recording, refine: u32) -> Option<Self> {
+        let setting = Setting::of(forces, Some(recording.index), recording.setup);
+        let joints = forces.mechanism.coordinates().len();
+        let plain = Machine::<f64>::new(&setting, &|n: &Number| n.value, refine).ok()?;
+        let states = plain.initial_layout().len();
+        if states > STATES || states + joints > LANES {
+            return None;
+        }
+        let first = forces.effects.len() - joints;
+        let lift = |n: &Number| match n.slot {
+            Some(Slot::Effect(Scope::Rig, e, 0)) if e >= first => Dual::variable(n.value, states + e - first),
+            _ => Dual::constant(n.value),
+        };
+        let machine = Machine::new(&setting, &lift, refine).ok()?;
+        let mut stepper = Self { recording, machine, states, joints, map: DMatrix::zeros(0, 0) };
+        stepper.place(0, &vec![0.0; states]);
+        // Coordinates are linear in the numbers of an initial state: any point will do.
+        stepper.map = stepper.seen(states).pseudo_inverse(1e-9).ok()?;
+        Some(stepper)
+    }
+
+    /// Derivatives of coordinates and rates by the first `count` directions.
+    fn seen(&self, count: usize) -> DMatrix<f64> {
+        let n = self.joints;
+        let value = |i: usize| if i < n { self.machine.coordinate(i) } else { self.machine.rate(i - n) };
+        DMatrix::from_fn(2 * n, count, |i, j| value(i).d[j])
+    }
+
+    /// Starts at a row.
+    fn place(&mut self, row: usize, initial: &[f64]) {
+        let stance = self.recording.stance.get(row).map_or(0, |leg| usize::from(*leg));
+        self.machine.set_stance(stance);
+        let lifted: Vec<Dual<LANES>> = initial.iter().enumerate().map(|(i, x)| Dual::variable(*x, i)).collect();
+        self.machine.reset(self.recording.times[row], &lifted);
+    }
+
+    /// Readings of the rig's own sensors by the initial state.
+    fn outputs(&self) -> Vec<StateRow> {
+        let row = |c: usize| StateRow::from_fn(|i, _| if i < self.states { self.machine.read(c).d[i] } else { 0.0 });
+        (0..self.machine.sensors()).map(row).collect()
+    }
+
+    fn steps(&mut self, rows: &Range<usize>, states: &[Vec<f64>]) -> Option<(Vec<StateMap>, Vec<InputMap>)> {
+        let last = rows.end.min(self.recording.times.len() - 1).saturating_sub(1);
+        let (mut phi, mut gamma) = (Vec::with_capacity(rows.len()), Vec::with_capacity(rows.len()));
+        for (k, row) in rows.clone().enumerate() {
+            let initial = &self.map * DVector::from_column_slice(&states[k]);
+            self.place(row.min(last), initial.as_slice());
+            self.advance(row.min(last))?;
+            let moved = &self.map * self.seen(self.states + self.joints);
+            phi.push(StateMap::from_fn(|i, j| if i.max(j) < self.states { moved[(i, j)] } else { 0.0 }));
+            let force = |i: usize, j: usize| i < self.states && j < self.joints;
+            gamma.push(InputMap::from_fn(|i, j| if force(i, j) { moved[(i, self.states + j)] } else { 0.0 }));
+        }
+        Some((phi, gamma))
+    }
+
+    /// From `row` to the next, through a recorded change of legs if there is one.
+    fn advance(&mut self, row: usize) -> Option<()> {
+        let recording = self.recording;
+        for (i, input) in recording.inputs.iter().enumerate() {
+            let enabled = recording.enabled[i].get(row).copied().unwrap_or(true);
+            self.machine.command(i, input[row], enabled);
+        }
+        let leg = |k: usize| recording.stance.get(k).map(|leg| usize::from(*leg));
+        let due = leg(row + 1).filter(|next| leg(row) != Some(*next));
+        if !recording.stance.is_empty() {
+            self.machine.expect_stance(due);
+        }
+        self.machine.advance_to(recording.times[row + 1]).ok()?;
+        if due.is_some_and(|next| self.machine.stance() != next) {
+            self.machine.touch_down_now();
+        }
+        Some(())
+    }
 }
 
 /// `rig` with ideal sensors of every coordinate, then of every rate, and no effects of sensors.
@@ -75,23 +155,22 @@ fn probing(rig: &Rig) -> Rig {
     out
 }
 
-/// `rig` without the effects that carry inner states.
+/// `rig` without the effects that carry inner states, and without those of sensors.
 fn rigid(rig: &Rig) -> Rig {
     let mut out = rig.clone();
     let keep = |e: &Effect| {
-        !matches!(
-            e.kind,
-            EffectKind::JointElasticity
-                | EffectKind::Backlash
-                | EffectKind::LinkFlexibility
-                | EffectKind::Presliding
-                | EffectKind::ActuatorLag
-                | EffectKind::TransportDelay
-                | EffectKind::ToeCompliance
-                | EffectKind::ExternalPush
-                | EffectKind::SensorLag
-                | EffectKind::SensorDelay
-        )
+        e.kind.site() != SiteKind::Sensor
+            && !matches!(
+                e.kind,
+                EffectKind::JointElasticity
+                    | EffectKind::Backlash
+                    | EffectKind::LinkFlexibility
+                    | EffectKind::Presliding
+                    | EffectKind::ActuatorLag
+                    | EffectKind::TransportDelay
+                    | EffectKind::ToeCompliance
+                    | EffectKind::ExternalPush
+            )
     };
     out.effects.retain(keep);
     for recording in &mut out.recordings {
@@ -100,92 +179,15 @@ fn rigid(rig: &Rig) -> Rig {
     out
 }
 
-/// `rig` with nothing free but a constant force at each coordinate.
+/// `rig` with no number that matters but a constant force at each coordinate, the last effects of the rig.
 fn with_forces(rig: &Rig) -> Rig {
-    let mut out = known(rig);
+    let mut out = rig.clone();
     for name in rig.mechanism.coordinates() {
-        out.effects.push(Effect::new(EffectKind::TorqueOffset, name, vec![Value::free(0.0, -1.0, 1.0)]));
+        out.effects.push(Effect::new(EffectKind::TorqueOffset, name, vec![Value::known(0.0)]));
     }
     out
 }
 
 fn blanked(recording: &Recording, sensors: usize) -> Recording {
     Recording { measured: vec![vec![f64::NAN; recording.times.len()]; sensors], ..recording.clone() }
-}
-
-/// Rows `k` and `k + 1` as a recording.
-fn slice(recording: &Recording, k: usize) -> Recording {
-    let cut = |list: &Vec<f64>| list[k..k + 2].to_vec();
-    Recording {
-        name: recording.name.clone(),
-        index: recording.index,
-        usage: recording.usage,
-        window_s: None,
-        setup: recording.setup,
-        times: cut(&recording.times),
-        inputs: recording.inputs.iter().map(cut).collect(),
-        enabled: recording
-            .enabled
-            .iter()
-            .map(|e| if e.is_empty() { Vec::new() } else { e[k..k + 2].to_vec() })
-            .collect(),
-        measured: recording.measured.iter().map(cut).collect(),
-        stance: if recording.stance.is_empty() { Vec::new() } else { recording.stance[k..k + 2].to_vec() },
-        warnings: Vec::new(),
-    }
-}
-
-/// One row in the numbers of the initial state.
-struct Step {
-    phi: DMatrix<f64>,
-    gamma: DMatrix<f64>,
-}
-
-/// Derivatives of all probes at one of the two rows.
-fn probed(lin: &Linearised, row: usize, from: usize, count: usize) -> DMatrix<f64> {
-    let channels = lin.residual.len() / lin.rows.max(1);
-    DMatrix::from_fn(channels, count, |c, j| lin.jacobian[(c * lin.rows + row) * lin.columns + from + j])
-}
-
-/// From coordinates and rates to the numbers of an initial state. Coordinates are linear in it: any point will do.
-fn coordinate_map(forces: &Rig, theta: &Theta, piece: &Recording, of: &Hypothesis) -> Option<DMatrix<f64>> {
-    let rollout = Rollout::new(forces, piece, of.problem.fidelity).ok()?;
-    let n = rollout.initial_len();
-    let mut lin = Linearised::default();
-    rollout.linearise(theta, 0, &vec![0.0; n], &mut lin).ok()?;
-    probed(&lin, 0, theta.len(), n).pseudo_inverse(1e-9).ok()
-}
-
-fn one_row(
-    forces: &Rig,
-    theta: &Theta,
-    piece: &Recording,
-    x: &DVector<f64>,
-    map: &DMatrix<f64>,
-    of: &Hypothesis,
-) -> Option<Step> {
-    let rollout = Rollout::new(forces, piece, of.problem.fidelity).ok()?;
-    let (n, m) = (rollout.initial_len(), theta.len());
-    let mut lin = Linearised::default();
-    rollout.linearise(theta, 0, x.as_slice(), &mut lin).ok()?;
-    Some(Step { phi: map * probed(&lin, 1, m, n), gamma: map * probed(&lin, 1, 0, m) })
-}
-
-/// Readings of the rig's own sensors by the initial state.
-fn output_map(
-    rig: &Rig,
-    rigid_probe: &Rig,
-    piece: &Recording,
-    x: &DVector<f64>,
-    of: &Hypothesis,
-) -> Option<DMatrix<f64>> {
-    let mut own = known(rigid_probe);
-    own.sensors = rig.sensors.clone();
-    let blank = blanked(piece, own.sensors.len());
-    let rollout = Rollout::new(&own, &blank, of.problem.fidelity).ok()?;
-    let mut lin = Linearised::default();
-    rollout.linearise(&Theta::of(&own), 0, x.as_slice(), &mut lin).ok()?;
-    Some(DMatrix::from_fn(own.sensors.len(), rollout.initial_len(), |c, j| {
-        lin.jacobian[c * lin.rows * lin.columns + j]
-    }))
 }

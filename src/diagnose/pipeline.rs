@@ -46,12 +46,13 @@ pub struct Answer {
     pub model: Rig,
 }
 
-/// Diagnoses a case. `said` hears what is going on.
+/// Diagnoses a case. `told` hears what is going on.
 ///
 /// # Errors
 /// See [`DiagnoseError`].
-pub fn diagnose(experiment: &Experiment, seed: u64, mut said: impl FnMut(&str)) -> Result<Answer, DiagnoseError> {
+pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) -> Result<Answer, DiagnoseError> {
     let began = Instant::now();
+    let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
     let mut recordings = fit_recordings(experiment);
     if recordings.is_empty() {
         return Err(DiagnoseError::NothingToFit);
@@ -66,7 +67,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut said: impl FnMut(&str)) 
     let context = Context { samples: samples(&base.residuals, &floors), floors, seed };
     let refit = compare(&base, &given, &context);
     let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
-    said(&format!("re-fit gains {:.0}; {:.1} s; noise {:?}", refit.total, began.elapsed().as_secs_f64(), base.noise));
+    said(&format!("re-fit gains {:.0}; noise {:?}", refit.total, base.noise));
     let library = |now: &Hypothesis| {
         let Some(windows) = tangents(now) else { return Vec::new() };
         let scales = scales(now, &windows, &pooled);
@@ -74,14 +75,17 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut said: impl FnMut(&str)) 
         candidates(now, &scales, &screen, &windows)
     };
     let (found, added, last) = forward(&base, library, &context, &mut said);
+    said("contest");
     let (found, added) = contested(found, added, experiment.rig.effects.len(), &context);
     let found = settled(found, &context);
+    said("what is left");
     let rest = unexplained(&found, &base, &context, &mut said);
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
     let rest = rest.map(|(unlisted, _)| unlisted);
     let answer = Found { given, base, found, added, rest, refit_needed };
     let warnings = warnings(experiment, &dropped);
+    said("proof");
     let mut findings = answer.findings(experiment, &context, &last, warnings)?;
     findings.diagnosis.seconds = began.elapsed().as_secs_f64();
     Ok(Answer { findings, model: answer.model(experiment) })

@@ -71,9 +71,8 @@ fn inertia(windows: &[Tangent], j: usize) -> f64 {
     let mut all = Vec::new();
     for w in windows {
         for k in (0..w.rows().saturating_sub(1)).step_by(7) {
-            let n = w.phi[k].nrows();
-            // Rates stand in the second half of the state; of the joint's own columns the largest response counts.
-            let change = (n / 2..n).map(|i| w.gamma[k][(i, j)].abs()).fold(0.0, f64::max);
+            // Of the joint's own column the largest response counts: that of a rate, a row being short.
+            let change = w.gamma[k].column(j).amax();
             if change > 0.0 {
                 all.push((w.t_s[k + 1] - w.t_s[k]) / change);
             }

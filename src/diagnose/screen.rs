@@ -134,6 +134,29 @@ impl Screen {
     #[must_use]
     pub fn score(&self, columns: &[Column]) -> Score {
         let n = columns.len();
+        let Projected { inverse, gradient, .. } = self.projected(columns);
+        let amplitudes = -(&inverse * &gradient);
+        Score {
+            gain: -amplitudes.dot(&gradient),
+            deviations: (0..n).map(|i| libm::sqrt(inverse[(i, i)].max(0.0))).collect(),
+            amplitudes: amplitudes.iter().copied().collect(),
+        }
+    }
+
+    /// Fall of the sum of squares if the simulation moved by the first of `columns`, as it is, and by the others times
+    /// amplitudes within `bounds`.
+    #[must_use]
+    pub fn promise(&self, columns: &[Column], bounds: &[(f64, f64)]) -> f64 {
+        let Projected { normal, gradient, .. } = self.projected(columns);
+        let mut at = vec![1.0];
+        at.extend(bounded_minimum(&normal, &gradient, bounds));
+        let at = DVector::from_vec(at);
+        -(2.0 * gradient.dot(&at) + at.dot(&(&normal * &at)))
+    }
+
+    /// Normal equations of `columns` with all base parameters and initial states projected out.
+    fn projected(&self, columns: &[Column]) -> Projected {
+        let n = columns.len();
         let (mut cc, mut cp, mut gc) = (DMatrix::zeros(n, n), DMatrix::zeros(n, self.shared), DVector::zeros(n));
         for (w, window) in self.windows.iter().enumerate() {
             self.add_window(window, w, columns, &mut cc, &mut cp, &mut gc);
@@ -146,13 +169,7 @@ impl Screen {
             // A column that the base mimics to 1 part in 1e8 carries rounding only.
             ridged[(i, i)] += 1e-8 * full[i] + 1e-300;
         }
-        let inverse = pseudo_inverse(&ridged, 1e-9);
-        let amplitudes = -(&inverse * &gc);
-        Score {
-            gain: -amplitudes.dot(&gc),
-            deviations: (0..n).map(|i| libm::sqrt(inverse[(i, i)].max(0.0))).collect(),
-            amplitudes: amplitudes.iter().copied().collect(),
-        }
+        Projected { inverse: pseudo_inverse(&ridged, 1e-9), normal: ridged, gradient: gc }
     }
 
     fn add_window(
@@ -198,6 +215,42 @@ impl Screen {
             }
         }
     }
+}
+
+/// Normal equations after projection.
+struct Projected {
+    normal: DMatrix<f64>,
+    inverse: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+/// The amplitudes beside the first (which is 1) that minimise the quadratic within their bounds: what would leave is
+/// held at its bound and the rest is solved again.
+fn bounded_minimum(normal: &DMatrix<f64>, gradient: &DVector<f64>, bounds: &[(f64, f64)]) -> Vec<f64> {
+    let n = bounds.len();
+    let mut held: Vec<Option<f64>> = vec![None; n];
+    for _ in 0..=n {
+        let free: Vec<usize> = (0..n).filter(|i| held[*i].is_none()).collect();
+        let right = |i: usize| {
+            let pulled: f64 = (0..n).filter_map(|j| held[j].map(|x| normal[(i + 1, j + 1)] * x)).sum();
+            gradient[i + 1] + normal[(i + 1, 0)] + pulled
+        };
+        let a = DMatrix::from_fn(free.len(), free.len(), |r, c| normal[(free[r] + 1, free[c] + 1)]);
+        let b = DVector::from_fn(free.len(), |r, _| -right(free[r]));
+        let x = pseudo_inverse(&a, 1e-9) * b;
+        let outside = |(r, i): (usize, &usize)| (x[r] < bounds[*i].0 || x[r] > bounds[*i].1).then_some((r, *i));
+        let leaving: Vec<(usize, usize)> = free.iter().enumerate().filter_map(outside).collect();
+        if leaving.is_empty() {
+            for (r, i) in free.iter().enumerate() {
+                held[*i] = Some(x[r]);
+            }
+            break;
+        }
+        for (r, i) in leaving {
+            held[i] = Some(x[r].clamp(bounds[i].0, bounds[i].1));
+        }
+    }
+    held.into_iter().map(|x| x.unwrap_or(0.0)).collect()
 }
 
 /// Inverse of a symmetric matrix, scaled to unit diagonal first; directions below `floor` are left out.
@@ -246,6 +299,18 @@ mod tests {
             (5..55).max_by(|a, b| screen.score(&[step_at(*a)]).gain.total_cmp(&screen.score(&[step_at(*b)]).gain));
         assert_eq!(best, Some(30));
         assert!((screen.score(&[step_at(30)]).amplitudes[0] - 0.3).abs() < 0.02); // robust weights bend it a little
+    }
+
+    #[test]
+    fn promise_of_a_start_counts_the_move_and_what_follows() {
+        let at = Point { parameters: vec![0.55], states: vec![vec![1.9]] };
+        let screen = Screen::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
+        let whole = screen.score(&[step_at(30)]).gain;
+        let tenth: Column = vec![vec![step_at(30)[0][0].iter().map(|x| 0.1 * x).collect()]];
+        let free = screen.promise(&[tenth.clone(), step_at(30)], &[(-10.0, 10.0)]);
+        assert!((free - whole).abs() < 1e-6 * whole, "{free} {whole}");
+        let held = screen.promise(&[tenth, step_at(30)], &[(0.0, 0.0)]);
+        assert!(held > 0.0 && held < 0.8 * whole, "{held} {whole}");
     }
 
     #[test]

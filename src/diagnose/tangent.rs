@@ -6,7 +6,22 @@
 //! RT: no.
 
 use crate::diagnose::screen::Column;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{SMatrix, SVector};
+
+/// Most numbers of a rigid mechanism's state; shorter ones are padded with zeros.
+pub const STATES: usize = 4;
+
+/// Most named coordinates.
+pub const JOINTS: usize = 3;
+
+/// From a state to the next.
+pub type StateMap = SMatrix<f64, STATES, STATES>;
+
+/// From forces to the next state: columns are joints.
+pub type InputMap = SMatrix<f64, STATES, JOINTS>;
+
+/// A state, or a reading by the state.
+pub type StateRow = SVector<f64, STATES>;
 
 /// One window of the base solution, linearised.
 #[derive(Clone, Debug)]
@@ -18,11 +33,11 @@ pub struct Tangent {
     /// State (coordinates, then rates) at each row.
     pub states: Vec<Vec<f64>>,
     /// From row k to row k+1: derivative of the next state by the state.
-    pub phi: Vec<DMatrix<f64>>,
-    /// Derivative of the next state by a constant force at each joint during the row: columns are joints.
-    pub gamma: Vec<DMatrix<f64>>,
-    /// Readings by state: rows are channels.
-    pub output: DMatrix<f64>,
+    pub phi: Vec<StateMap>,
+    /// Derivative of the next state by a constant force at each joint during the row.
+    pub gamma: Vec<InputMap>,
+    /// Readings by state, per channel.
+    pub output: Vec<StateRow>,
 }
 
 impl Tangent {
@@ -35,21 +50,17 @@ impl Tangent {
     /// Response of the channels to a force at `joint` given per row.
     #[must_use]
     pub fn respond(&self, joint: usize, force: impl Fn(usize) -> f64) -> Vec<Vec<f64>> {
-        let n = self.output.ncols();
-        let mut out = vec![Vec::with_capacity(self.rows()); self.output.nrows()];
-        let mut x = DVector::<f64>::zeros(n);
-        let mut next = x.clone();
+        let mut out = vec![Vec::with_capacity(self.rows()); self.output.len()];
+        let mut x = StateRow::zeros();
         let mut quiet = true;
         for k in 0..self.rows() {
-            for (c, channel) in out.iter_mut().enumerate() {
-                channel.push(if quiet { 0.0 } else { self.output.row(c).transpose().dot(&x) });
+            for (channel, row) in out.iter_mut().zip(&self.output) {
+                channel.push(if quiet { 0.0 } else { row.dot(&x) });
             }
             let f = force(k);
             quiet &= f == 0.0;
             if k + 1 < self.rows() && !quiet {
-                next.gemv(1.0, &self.phi[k], &x, 0.0);
-                next.axpy(f, &self.gamma[k].column(joint), 1.0);
-                std::mem::swap(&mut x, &mut next);
+                x = self.phi[k] * x + self.gamma[k].column(joint) * f;
             }
         }
         out
@@ -58,7 +69,7 @@ impl Tangent {
     /// A signal added to one channel, the others untouched.
     #[must_use]
     pub fn reading(&self, channel: usize, signal: impl Fn(usize) -> f64) -> Vec<Vec<f64>> {
-        let mut out = vec![vec![0.0; self.rows()]; self.output.nrows()];
+        let mut out = vec![vec![0.0; self.rows()]; self.output.len()];
         out[channel] = (0..self.rows()).map(signal).collect();
         out
     }
@@ -95,9 +106,16 @@ pub(crate) mod tests {
             recording: 0,
             t_s: (0..100).map(|k| f64::from(k) * h).collect(),
             states: (0..100).map(|k| vec![f64::from(k) * h, 1.0]).collect(),
-            phi: vec![DMatrix::from_row_slice(2, 2, &[1.0, h, 0.0, 1.0]); 100],
-            gamma: vec![DMatrix::from_column_slice(2, 1, &[0.5 * h * h, h]); 100],
-            output: DMatrix::from_row_slice(1, 2, &[1.0, 0.0]),
+            phi: vec![
+                StateMap::from_fn(|i, j| [[1.0, h], [0.0, 1.0]]
+                    .get(i)
+                    .and_then(|r| r.get(j))
+                    .copied()
+                    .unwrap_or(0.0));
+                100
+            ],
+            gamma: vec![InputMap::from_fn(|i, j| if j == 0 { [0.5 * h * h, h, 0.0, 0.0][i] } else { 0.0 }); 100],
+            output: vec![StateRow::new(1.0, 0.0, 0.0, 0.0)],
         }
     }
 

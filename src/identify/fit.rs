@@ -89,15 +89,6 @@ pub struct Fit {
     pub iterations: usize,
 }
 
-/// What is summed over the whitened residuals.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Loss {
-    /// [`loss`].
-    Student,
-    /// Their squares.
-    Square,
-}
-
 /// Normal equations of one window in parameters `p` and states `x`.
 struct Normal {
     pp: DMatrix<f64>,
@@ -141,11 +132,11 @@ fn has_weight(colour: &Colour) -> bool {
     colour.sigma.is_finite() && colour.sigma > 0.0
 }
 
-fn normal(channels: Vec<Series>, noise: &[Colour], loss: Loss, shared: usize, states: usize) -> Normal {
+fn normal(channels: Vec<Series>, noise: &[Colour], shared: usize, states: usize) -> Normal {
     let n = shared + states;
     let (mut h, mut g, mut cost) = (DMatrix::zeros(n, n), DVector::zeros(n), 0.0);
     for (series, colour) in channels.into_iter().zip(noise).filter(|(_, c)| has_weight(c)) {
-        cost += accumulate(series, colour, loss, &mut h, &mut g);
+        cost += accumulate(series, colour, &mut h, &mut g);
     }
     Normal {
         pp: h.view((0, 0), (shared, shared)).into_owned(),
@@ -158,14 +149,14 @@ fn normal(channels: Vec<Series>, noise: &[Colour], loss: Loss, shared: usize, st
 }
 
 /// Adds one channel to `J'WJ` and `J'We`; gives its cost.
-fn accumulate(mut series: Series, colour: &Colour, kind: Loss, h: &mut DMatrix<f64>, g: &mut DVector<f64>) -> f64 {
+fn accumulate(mut series: Series, colour: &Colour, h: &mut DMatrix<f64>, g: &mut DVector<f64>) -> f64 {
     let rows = present(&series);
     colour.whiten(&mut series.residual, &rows);
     for slope in &mut series.slopes {
         colour.whiten(slope, &rows);
     }
     let e: Vec<f64> = rows.iter().map(|k| series.residual[*k]).collect();
-    let w: Vec<f64> = e.iter().map(|x| if kind == Loss::Student { weight(*x) } else { 1.0 }).collect();
+    let w: Vec<f64> = e.iter().map(|x| weight(*x)).collect();
     let j: Vec<Vec<f64>> = series.slopes.iter().map(|s| rows.iter().map(|k| s[*k]).collect()).collect();
     for (a, ja) in j.iter().enumerate() {
         let weighted: Vec<f64> = ja.iter().zip(&w).map(|(x, w)| x * w).collect();
@@ -178,7 +169,7 @@ fn accumulate(mut series: Series, colour: &Colour, kind: Loss, h: &mut DMatrix<f
             }
         }
     }
-    e.iter().map(|x| if kind == Loss::Student { loss(*x) } else { x * x }).sum()
+    e.iter().map(|x| loss(*x)).sum()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -207,12 +198,12 @@ impl Normal {
 }
 
 /// Linearises all windows in parallel. `None` if one of them leaves the finite numbers.
-fn linearise(runs: &impl FreeRuns, at: &Point, noise: &[Colour], loss: Loss) -> Option<Reduced> {
+fn linearise(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option<Reduced> {
     let shared = at.parameters.len();
     let one = |w: usize| {
         let states = &at.states[w];
         let channels = runs.run(w, &at.parameters, states, true)?;
-        Some(normal(channels, noise, loss, shared, states.len()))
+        Some(normal(channels, noise, shared, states.len()))
     };
     let windows: Vec<Normal> = (0..runs.windows()).into_par_iter().map(one).collect::<Option<_>>()?;
     let (mut pp, mut gp, mut cost) = (DMatrix::zeros(shared, shared), DVector::zeros(shared), 0.0);
@@ -324,7 +315,7 @@ pub fn fit(runs: &impl FreeRuns, start: Point, bounds: &[Bound], noise: &[Colour
     let mut information = DMatrix::zeros(shared, shared);
     let (mut best, mut outcome, mut iterations) = (f64::INFINITY, Outcome::Infeasible, 0);
     while iterations < limits.iterations {
-        let Some(system) = linearise(runs, &at, noise, Loss::Student) else { break };
+        let Some(system) = linearise(runs, &at, noise) else { break };
         iterations += 1;
         best = system.cost;
         let mut accepted = None;
@@ -357,16 +348,6 @@ pub fn fit(runs: &impl FreeRuns, start: Point, bounds: &[Bound], noise: &[Colour
         }
     }
     Fit { point: at, cost: best, information, outcome, iterations }
-}
-
-/// Cost that one undamped step within the bounds promises: how good this start would become, for one linearisation.
-///
-/// Gives cost at the point and the promised cost after the step; `None` if the run leaves the finite numbers.
-pub fn promise(runs: &impl FreeRuns, at: &Point, bounds: &[Bound], noise: &[Colour]) -> Option<(f64, f64)> {
-    // Squares: a start is far from the minimum as a rule, and Student's weights there promise next to nothing.
-    let system = linearise(runs, at, noise, Loss::Square)?;
-    let step = system.step(at, bounds, 1e-6);
-    Some((system.cost, system.cost - step.promised))
 }
 
 #[cfg(test)]
@@ -422,13 +403,5 @@ mod tests {
         let found = fit(&Decay::new(0.7, 0.05), start(), &bounds, &[Colour::white(0.01)], Limits::default());
         assert!((found.point.parameters[0] - 0.5).abs() < 1e-9, "{:?}", found.point);
         assert_ne!(found.outcome, Outcome::Infeasible);
-    }
-
-    #[test]
-    fn the_promise_of_a_step_is_kept_near_the_minimum() {
-        let runs = Decay::new(0.7, 0.05);
-        let at = Point { parameters: vec![0.702, 0.05], states: vec![vec![1.0], vec![-2.0], vec![0.3]] };
-        let (before, after) = promise(&runs, &at, &WIDE, &[Colour::white(0.01)]).unwrap();
-        assert!(after < 0.01 * before, "{before} {after}");
     }
 }

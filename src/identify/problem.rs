@@ -173,7 +173,9 @@ impl FreeRuns for Problem {
         if slopes {
             let mut lin = Linearised::default();
             rollout.linearise(&theta, w, state, &mut lin).ok()?;
-            Some(self.unpacked(&lin, &theta.values))
+            let scale = |(x, log): (&f64, &bool)| if *log { *x } else { 1.0 };
+            let scales: Vec<f64> = theta.values.iter().zip(&self.logarithmic).map(scale).collect();
+            Some(self.unpacked(&lin, &scales))
         } else {
             let mut readings = Readings::default();
             rollout.simulate(w, state, &mut readings).ok()?;
@@ -189,13 +191,36 @@ impl FreeRuns for Problem {
 }
 
 impl Problem {
-    /// Rows of the Jacobian as columns per channel, with the chain rule of logarithms; sign turned to simulated minus
-    /// measured.
-    fn unpacked(&self, lin: &Linearised, values: &[f64]) -> Vec<Series> {
+    /// One window as [`FreeRuns::run`] gives it, but differentiated only by those entries of theta that `wanted` keeps
+    /// and by the initial numbers from `held` on.
+    #[must_use]
+    pub fn run_along(
+        &self,
+        window: usize,
+        at: &Point,
+        wanted: impl Fn(Slot) -> bool,
+        held: usize,
+    ) -> Option<Vec<Series>> {
+        let (r, w) = self.windows[window];
+        let values = self.values(&at.parameters);
+        let rig = Theta { values: values.clone(), ..self.theta.clone() }.applied(&self.rig);
+        let part = Theta::of_slots(&rig, wanted);
+        let rollout = Rollout::new(&rig, &self.recordings[r], self.fidelity).ok()?;
+        let mut lin = Linearised::default();
+        rollout.linearise_beyond(held, &part, w, &at.states[window], &mut lin).ok()?;
+        let index = |entry: &Entry| self.theta.index_of_slot(entry.slot);
+        let scale = |i: Option<usize>| i.filter(|i| self.logarithmic[*i]).map_or(1.0, |i| values[i]);
+        let scales: Vec<f64> = part.entries.iter().map(|e| scale(index(e))).collect();
+        Some(self.unpacked(&lin, &scales))
+    }
+
+    /// Rows of the Jacobian as columns per channel, the first ones times `scales` (the chain rule of logarithms); sign
+    /// turned to simulated minus measured.
+    fn unpacked(&self, lin: &Linearised, scales: &[f64]) -> Vec<Series> {
         let channel = |c: usize| {
             let rows = c * lin.rows..(c + 1) * lin.rows;
             let slope = |j: usize| {
-                let scale = if self.logarithmic.get(j) == Some(&true) { values[j] } else { 1.0 };
+                let scale = scales.get(j).copied().unwrap_or(1.0);
                 rows.clone().map(|r| lin.jacobian[r * lin.columns + j] * scale).collect()
             };
             Series {

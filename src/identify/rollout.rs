@@ -162,12 +162,30 @@ impl<'r> Rollout<'r> {
         initial: &[f64],
         out: &mut Linearised,
     ) -> Result<(), RolloutError> {
+        self.linearise_beyond(0, theta, window, initial, out)
+    }
+
+    /// As [`Self::linearise`], but the first `held` numbers of the initial state are no directions: columns are those
+    /// of theta, then those of the rest of the initial state.
+    ///
+    /// # Errors
+    /// The simulation diverged.
+    pub fn linearise_beyond(
+        &self,
+        held: usize,
+        theta: &Theta,
+        window: usize,
+        initial: &[f64],
+        out: &mut Linearised,
+    ) -> Result<(), RolloutError> {
         let slots: Vec<Slot> = self.setting.slots().collect();
         let mut directions: Vec<Direction> = Vec::new();
         let active = theta.entries.iter().enumerate().filter(|(_, e)| slots.contains(&e.slot));
         directions.extend(active.map(|(column, e)| Direction { column, what: What::Slot(e.slot) }));
-        directions.extend((0..initial.len()).map(|i| Direction { column: theta.len() + i, what: What::Initial(i) }));
-        self.prepare(window, theta.len() + initial.len(), out);
+        let states = held.min(initial.len())..initial.len();
+        let column = |i: usize| theta.len() + i - states.start;
+        directions.extend(states.clone().map(|i| Direction { column: column(i), what: What::Initial(i) }));
+        self.prepare(window, theta.len() + states.len(), out);
         if directions.is_empty() {
             return self.residuals(window, initial, out);
         }
