@@ -23,6 +23,8 @@
 mod build;
 mod contact;
 mod events;
+mod foot;
+mod hold;
 mod motion;
 mod solve;
 mod start;
@@ -30,16 +32,15 @@ mod start;
 mod tests;
 
 use super::effect::actuator::Drive;
-use super::effect::drive::{Rotor, StructuralMode};
-use super::effect::friction::{Axis, Grip};
+use super::effect::friction::Grip;
 use super::effect::sensing::Pickup;
-use super::mechanism::{Body, Mechanism, Row};
+use super::mechanism::{Mechanism, Row};
 use crate::base::scalar::Scalar;
-use contact::{Feet, Ground};
 use std::collections::VecDeque;
 
 pub use contact::{Contact, Strike};
 pub use motion::{Phase, Work};
+use motion::{Plant, Stages};
 pub use start::Inner;
 
 /// Most bristles.
@@ -90,25 +91,13 @@ struct Knot<S> {
 /// See the module.
 #[derive(Clone, Debug)]
 pub struct Machine<S> {
-    body: Body<S>,
-    /// Generalised coordinates of the bare mechanism, and with rotors and modes.
-    n_body: usize,
-    n: usize,
-    bristles: usize,
-    axes: Vec<Axis<S>>,
-    grips: Vec<Grip>,
-    rotors: Vec<Rotor<S>>,
-    plays: Vec<Play>,
-    structures: Vec<StructuralMode<S>>,
-    drives: Vec<Drive<S>>,
+    plant: Plant<S>,
     pickups: Vec<Pickup<S>>,
     pushes: Vec<Push<S>>,
-    walks: bool,
-    ground: Ground<S>,
-    feet: Feet<S>,
     now: S,
     y: Phase<S>,
     end: Phase<S>,
+    stages: Stages<S>,
     work: Work<S>,
     /// Lagged signal of each pickup.
     lagged: Vec<S>,
@@ -135,19 +124,19 @@ impl<S: Scalar> Machine<S> {
     /// Named coordinate `joint`, link side.
     #[must_use]
     pub fn coordinate(&self, joint: usize) -> S {
-        self.body.row(joint).of(&self.y.q)
+        self.plant.body.row(joint).of(&self.y.q)
     }
 
     /// Its rate.
     #[must_use]
     pub fn rate(&self, joint: usize) -> S {
-        self.body.row(joint).of(&self.y.v)
+        self.plant.body.row(joint).of(&self.y.v)
     }
 
     /// Angle and rate of the motor of `joint` (at the joint): its rotor's, or the link's on a rigid joint.
     #[must_use]
     pub fn motor(&self, joint: usize) -> [S; 2] {
-        match self.rotors.iter().find(|r| r.joint == joint) {
+        match self.plant.rotors.iter().find(|r| r.joint == joint) {
             Some(rotor) => [self.y.q[rotor.index], self.y.v[rotor.index]],
             None => [self.coordinate(joint), self.rate(joint)],
         }
@@ -156,7 +145,7 @@ impl<S: Scalar> Machine<S> {
     /// True if dry friction holds any axis of coordinate `joint`.
     #[must_use]
     pub fn is_stuck(&self, joint: usize) -> bool {
-        let mut pairs = self.axes.iter().zip(&self.grips);
+        let mut pairs = self.plant.axes.iter().zip(&self.plant.grips);
         pairs.any(|(axis, grip)| axis.joint == joint && axis.dry.is_some() && *grip == Grip::Stuck)
     }
 
@@ -164,7 +153,7 @@ impl<S: Scalar> Machine<S> {
     #[must_use]
     pub fn motor_torque(&self, joint: usize) -> S {
         let mut sum = S::zero();
-        for drive in self.drives.iter().filter(|d| d.joint == joint) {
+        for drive in self.plant.drives.iter().filter(|d| d.joint == joint) {
             sum += drive.torque(self.now, drive.row.of(&self.y.v));
         }
         sum
@@ -172,7 +161,7 @@ impl<S: Scalar> Machine<S> {
 
     /// Gives actuator `index` a command that holds from now on.
     pub fn command(&mut self, index: usize, command: f64, enabled: bool) {
-        if let Some(drive) = self.drives.get_mut(index) {
+        if let Some(drive) = self.plant.drives.get_mut(index) {
             drive.command(command, enabled, self.now);
         }
     }
@@ -180,7 +169,7 @@ impl<S: Scalar> Machine<S> {
     /// Tells actuator `index` of a command given at `t_s`, before the present: what is still on its way, or in its lag.
     pub fn command_past(&mut self, index: usize, command: f64, enabled: bool, t_s: f64) {
         let now = self.now.value();
-        if let Some(drive) = self.drives.get_mut(index) {
+        if let Some(drive) = self.plant.drives.get_mut(index) {
             drive.command(command, enabled, S::constant(t_s));
             while drive.next_arrival().is_some_and(|t| t.value() <= now) {
                 drive.arrive();
@@ -191,7 +180,7 @@ impl<S: Scalar> Machine<S> {
     /// Longest memory of any actuator, s: commands older than this no longer matter.
     #[must_use]
     pub fn memory_s(&self) -> f64 {
-        self.drives.iter().map(Drive::memory_s).fold(0.0, f64::max)
+        self.plant.drives.iter().map(Drive::memory_s).fold(0.0, f64::max)
     }
 
     /// Puts knots before the start into the history of delayed sensors: the motion run backwards to `t_s` in its present
@@ -204,7 +193,7 @@ impl<S: Scalar> Machine<S> {
         let mut done = 0.0;
         while done < steps {
             self.rk4(h);
-            self.y.copy_from(&self.end, self.n, self.bristles);
+            self.y.copy_from(&self.end, self.plant.n, self.plant.bristles);
             self.now += h;
             let signal = |p: &Pickup<S>| {
                 let slope = if p.is_rate { S::zero() } else { p.row.of(&self.y.v) };
@@ -222,7 +211,7 @@ impl<S: Scalar> Machine<S> {
 
     /// As if actuator `index` had had this command for ever.
     pub fn settle_drive(&mut self, index: usize, command: f64) {
-        if let Some(drive) = self.drives.get_mut(index) {
+        if let Some(drive) = self.plant.drives.get_mut(index) {
             drive.settle(command, self.now);
         }
     }
@@ -289,7 +278,7 @@ impl<S: Scalar> Machine<S> {
             self.now = stop.1;
             match stop.0 {
                 Stop::End => return Ok(()),
-                Stop::Arrival(i) => self.drives[i].arrive(),
+                Stop::Arrival(i) => self.plant.drives[i].arrive(),
                 Stop::Push(i) => self.push(i),
             }
         }
@@ -299,7 +288,7 @@ impl<S: Scalar> Machine<S> {
     /// What comes first: a delayed command, a push, or the end.
     fn next_stop(&self, end: S) -> Option<(Stop, S)> {
         let mut first = (Stop::End, end);
-        for (i, drive) in self.drives.iter().enumerate() {
+        for (i, drive) in self.plant.drives.iter().enumerate() {
             if let Some(t) = drive.next_arrival()
                 && t.value() <= first.1.value()
             {
@@ -328,14 +317,14 @@ impl<S: Scalar> Machine<S> {
             self.substep(piece)?;
             done += 1.0;
         }
-        if self.y.is_bounded(self.n) { Ok(()) } else { Err(MachineError::Diverged(self.now.value())) }
+        if self.y.is_bounded(self.plant.n) { Ok(()) } else { Err(MachineError::Diverged(self.now.value())) }
     }
 
     /// Moves along the tangent for a time without length: the derivative of a switching instant.
     fn shift(&mut self, h: S) {
         if h.is_varied() {
             self.flow_at_start();
-            self.y.drift(&self.work, h, self.n, self.bristles);
+            self.y.drift(&self.work, h, self.plant.n, self.plant.bristles);
         }
         self.now += h;
     }
@@ -347,7 +336,7 @@ impl<S: Scalar> Machine<S> {
             self.lagged[i] = pickup.follow(self.lagged[i], self.before[i], truth, h);
             self.before[i] = truth;
         }
-        self.y.copy_from(&self.end, self.n, self.bristles);
+        self.y.copy_from(&self.end, self.plant.n, self.plant.bristles);
         self.now += h;
         self.remember();
     }

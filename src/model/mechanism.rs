@@ -68,6 +68,12 @@ impl Row {
             _ => x[self.terms[0].0] * self.terms[0].1 + x[self.terms[1].0] * self.terms[1].1,
         }
     }
+    /// [`Self::of`] without derivatives.
+    #[inline]
+    #[must_use]
+    pub fn value_of<S: Scalar>(&self, x: &[S; MAX]) -> f64 {
+        self.terms().iter().map(|(i, factor)| x[*i].value() * factor).sum()
+    }
     /// Adds a torque on the coordinate to the generalised force.
     #[inline]
     pub fn push<S: Scalar>(&self, torque: S, force: &mut [S; MAX]) {

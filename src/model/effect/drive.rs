@@ -34,6 +34,13 @@ impl<S: Scalar> Rotor<S> {
         x[self.index] - self.link.of(x)
     }
 
+    /// [`Self::twist`] without derivatives.
+    #[inline]
+    #[must_use]
+    pub fn twist_value(&self, x: &[S; MAX]) -> f64 {
+        x[self.index].value() - self.link.value_of(x)
+    }
+
     /// Torque from rotor to link, through the spring.
     #[inline]
     #[must_use]

@@ -1,6 +1,7 @@
 //! Builds a machine from a setting. RT: before arming only.
 
 use super::contact::{Feet, Ground};
+use super::motion::{Plant, Stages};
 use super::start::Bristled;
 use super::{MAX_BRISTLES, Machine, MachineError, Phase, Play, Push, Work};
 use crate::base::scalar::Scalar;
@@ -25,7 +26,7 @@ impl<S: Scalar> Machine<S> {
     pub fn new(setting: &Setting, lift: &dyn Fn(&Number) -> S, refine: u32) -> Result<Self, MachineError> {
         let body = body(setting, lift)?;
         let n_body = body.dof();
-        let mut machine = Self {
+        let plant = Plant {
             n_body,
             n: n_body,
             bristles: 0,
@@ -35,37 +36,44 @@ impl<S: Scalar> Machine<S> {
             plays: Vec::new(),
             structures: Vec::new(),
             drives: Vec::new(),
+            walks: setting.mechanism == MechanismKind::CompassGait && setting.setup.is_none_or(|s| s == Setup::Walk),
+            ground: ground(setting, lift),
+            feet: Feet::default(),
+            body,
+        };
+        let mut machine = Self {
+            plant,
             pickups: Vec::new(),
             pushes: Vec::new(),
-            walks: setting.mechanism == MechanismKind::CompassGait && setting.setup.is_none_or(|s| s == Setup::Walk),
             now: S::zero(),
             y: Phase::default(),
             end: Phase::default(),
+            stages: Stages::default(),
             work: Work::default(),
-            ground: ground(setting, lift),
-            feet: Feet::default(),
             lagged: vec![S::zero(); setting.sensors.len()],
             before: vec![S::zero(); setting.sensors.len()],
             history: VecDeque::new(),
             keeps_history: false,
             step_s: super::LONGEST_STEP_S,
             refine: refine.max(1),
-            body,
         };
         machine.check_ground()?;
         machine.add_rotors_of(setting, lift);
         machine.add_structures(setting, lift);
-        if machine.n > MAX {
-            return Err(MachineError::Unsupported(format!("{} coordinates, at most {MAX} are possible", machine.n)));
+        if machine.plant.n > MAX {
+            return Err(MachineError::Unsupported(format!(
+                "{} coordinates, at most {MAX} are possible",
+                machine.plant.n
+            )));
         }
         for effect in &setting.effects {
             machine.add_law(effect, lift);
         }
-        machine.bristles = machine.axes.iter().filter(|a| a.is_bristled()).count();
-        if machine.bristles > MAX_BRISTLES {
+        machine.plant.bristles = machine.plant.axes.iter().filter(|a| a.is_bristled()).count();
+        if machine.plant.bristles > MAX_BRISTLES {
             return Err(MachineError::Unsupported(format!("at most {MAX_BRISTLES} joints may have presliding")));
         }
-        machine.grips = vec![Grip::Stuck; machine.axes.len()];
+        machine.plant.grips = vec![Grip::Stuck; machine.plant.axes.len()];
         machine.add_drives(setting, lift);
         machine.add_pickups(setting, lift);
         machine.keeps_history = machine.pickups.iter().any(Pickup::is_shifted);
@@ -74,8 +82,8 @@ impl<S: Scalar> Machine<S> {
 
     /// What turns with the motor of `joint`: its rotor, or the link.
     fn motor_row(&self, joint: usize) -> Row {
-        let rotor = self.rotors.iter().find(|r| r.joint == joint);
-        rotor.map_or_else(|| self.body.row(joint), |r| Row::one(r.index, 1.0))
+        let rotor = self.plant.rotors.iter().find(|r| r.joint == joint);
+        rotor.map_or_else(|| self.plant.body.row(joint), |r| Row::one(r.index, 1.0))
     }
 
     fn add_rotors_of(&mut self, setting: &Setting, lift: Lift<'_, S>) {
@@ -83,7 +91,7 @@ impl<S: Scalar> Machine<S> {
             let site = Site::Joint(joint);
             let elastic = setting.first(EffectKind::JointElasticity, site);
             let loose = setting.first(EffectKind::Backlash, site);
-            let link = self.body.row(joint);
+            let link = self.plant.body.row(joint);
             if link.is_none() || (elastic.is_none() && loose.is_none()) {
                 continue;
             }
@@ -91,11 +99,11 @@ impl<S: Scalar> Machine<S> {
             let gap = loose.map_or(S::zero(), |l| lift(&l[0]));
             let inertia = elastic.map(|e| lift(&e[2])).or(loose.map(|l| lift(&l[1]))).unwrap_or_default();
             let inertia = if inertia.value() < LIGHTEST_ROTOR { inertia + LIGHTEST_ROTOR } else { inertia };
-            let is_taken_out = self.body.holds_rotor();
-            self.rotors.push(Rotor { joint, link, index: self.n, inertia, is_taken_out, spring, gap });
+            let is_taken_out = self.plant.body.holds_rotor();
+            self.plant.rotors.push(Rotor { joint, link, index: self.plant.n, inertia, is_taken_out, spring, gap });
             let rigid = gap.value() <= SMALLEST_GAP;
-            self.plays.push(if rigid && spring.is_none() { Play::Rigid } else { Play::Free });
-            self.n += 1;
+            self.plant.plays.push(if rigid && spring.is_none() { Play::Rigid } else { Play::Free });
+            self.plant.n += 1;
         }
     }
 
@@ -103,30 +111,30 @@ impl<S: Scalar> Machine<S> {
         for effect in setting.effects.iter().filter(|e| e.kind == EffectKind::LinkFlexibility) {
             let Site::Joint(joint) = effect.site else { continue };
             let [frequency, damping, share] = effect.numbers.as_slice() else { continue };
-            let link = self.body.absolute_row(joint);
+            let link = self.plant.body.absolute_row(joint);
             if link.is_none() {
                 continue;
             }
-            let whole = self.body.link_inertia(joint);
-            let mode = StructuralMode::new(link, self.n, whole, lift(frequency), lift(damping), lift(share));
-            self.structures.push(mode);
-            self.n += 1;
+            let whole = self.plant.body.link_inertia(joint);
+            let mode = StructuralMode::new(link, self.plant.n, whole, lift(frequency), lift(damping), lift(share));
+            self.plant.structures.push(mode);
+            self.plant.n += 1;
         }
     }
 
     /// The axis of one side of a joint, made on first use; none if it cannot move.
     fn axis(&mut self, joint: usize, side: Side) -> Option<&mut Axis<S>> {
-        let is_motor = side == Side::Motor && self.rotors.iter().any(|r| r.joint == joint);
-        let row = if is_motor { self.motor_row(joint) } else { self.body.row(joint) };
+        let is_motor = side == Side::Motor && self.plant.rotors.iter().any(|r| r.joint == joint);
+        let row = if is_motor { self.motor_row(joint) } else { self.plant.body.row(joint) };
         if row.is_none() {
             return None;
         }
-        let index = self.axes.iter().position(|a| a.joint == joint && a.is_motor == is_motor);
+        let index = self.plant.axes.iter().position(|a| a.joint == joint && a.is_motor == is_motor);
         let index = index.unwrap_or_else(|| {
-            self.axes.push(Axis::new(row, joint, is_motor));
-            self.axes.len() - 1
+            self.plant.axes.push(Axis::new(row, joint, is_motor));
+            self.plant.axes.len() - 1
         });
-        self.axes.get_mut(index)
+        self.plant.axes.get_mut(index)
     }
 
     /// Adds an effect that acts at one side of a joint.
@@ -157,7 +165,7 @@ impl<S: Scalar> Machine<S> {
 
     /// Where a push from outside acts: on the link.
     fn motor_free_row(&self, joint: usize) -> Row {
-        self.body.row(joint)
+        self.plant.body.row(joint)
     }
 
     fn add_drives(&mut self, setting: &Setting, lift: Lift<'_, S>) {
@@ -172,14 +180,17 @@ impl<S: Scalar> Machine<S> {
                     _ => {}
                 }
             }
-            self.drives.push(drive);
+            self.plant.drives.push(drive);
         }
     }
 
     fn add_pickups(&mut self, setting: &Setting, lift: Lift<'_, S>) {
         for (i, sensor) in setting.sensors.iter().enumerate() {
-            let row =
-                if sensor.side == Side::Motor { self.motor_row(sensor.joint) } else { self.body.row(sensor.joint) };
+            let row = if sensor.side == Side::Motor {
+                self.motor_row(sensor.joint)
+            } else {
+                self.plant.body.row(sensor.joint)
+            };
             let mut pickup = Pickup::new(row, sensor.is_rate);
             for effect in setting.effects.iter().filter(|e| e.site == Site::Sensor(i)) {
                 let x: Vec<S> = effect.numbers.iter().map(lift).collect();

@@ -1,6 +1,6 @@
 //! Where a step must end early, exactly, and what happens there. RT: yes, no allocation.
 
-use super::motion::{Holder, product};
+use super::hold::{Holder, product};
 use super::{Machine, MachineError, Play};
 use crate::base::scalar::Scalar;
 use crate::model::effect::friction::Grip;
@@ -62,7 +62,7 @@ impl<S: Scalar> Machine<S> {
     }
 
     fn finish(&mut self, h: S) -> Result<(), MachineError> {
-        if !self.end.is_bounded(self.n) {
+        if !self.end.is_bounded(self.plant.n) {
             return Err(MachineError::Diverged(self.now.value()));
         }
         self.accept(h);
@@ -78,19 +78,19 @@ impl<S: Scalar> Machine<S> {
             }
         };
         let mut needs_forces = false;
-        for (i, axis) in self.axes.iter().enumerate() {
-            match (&axis.dry, self.grips[i]) {
+        for (i, axis) in self.plant.axes.iter().enumerate() {
+            match (&axis.dry, self.plant.grips[i]) {
                 (Some(dry), grip) if dry.bristle.is_none() => match grip {
                     Grip::Stuck => needs_forces = true,
-                    grip => consider(Guard::Stop(i), grip.direction() * axis.row.of(&self.end.v).value()),
+                    grip => consider(Guard::Stop(i), grip.direction() * axis.row.value_of(&self.end.v)),
                 },
                 _ => {}
             }
         }
-        for (i, rotor) in self.rotors.iter().enumerate() {
-            match self.plays[i] {
+        for (i, rotor) in self.plant.rotors.iter().enumerate() {
+            match self.plant.plays[i] {
                 Play::Free if rotor.spring.is_none() => {
-                    consider(Guard::Meet(i), rotor.gap.value() * 0.5 - rotor.twist(&self.end.q).value().abs());
+                    consider(Guard::Meet(i), rotor.gap.value() * 0.5 - rotor.twist_value(&self.end.q).abs());
                 }
                 Play::Closed(_) => needs_forces = true,
                 _ => {}
@@ -101,14 +101,12 @@ impl<S: Scalar> Machine<S> {
                 consider(guard, value);
             }
         }
-        needs_forces |= self.walks && (self.ground.friction.is_some() || self.ground.lift_off);
+        needs_forces |= self.plant.walks && (self.plant.ground.friction.is_some() || self.plant.ground.lift_off);
         if needs_forces {
-            let mut work = std::mem::take(&mut self.work);
-            self.flow(&self.end, self.now + h, &mut work);
-            for (guard, value) in self.force_guards(&work) {
+            self.flow_at_end(h);
+            for (guard, value) in self.force_guards() {
                 consider(guard, value);
             }
-            self.work = work;
         }
         worst.map(|(guard, _)| guard)
     }
@@ -116,28 +114,29 @@ impl<S: Scalar> Machine<S> {
     /// Guards of the feet that look at the state alone.
     fn foot_guards(&self) -> [(Guard, Option<f64>); 3] {
         [
-            (Guard::Touchdown, self.touchdown_guard(&self.end)),
-            (Guard::Land, self.landing_guard(&self.end)),
-            (Guard::SlideStop, self.slide_guard(&self.end)),
+            (Guard::Touchdown, self.plant.touchdown_guard(&self.end)),
+            (Guard::Land, self.plant.landing_guard(&self.end)),
+            (Guard::SlideStop, self.plant.slide_guard(&self.end)),
         ]
     }
 
     /// Guards that look at the forces of the last [`Self::flow`]; below zero = broken.
-    fn force_guards<'a>(&'a self, work: &'a super::Work<S>) -> impl Iterator<Item = (Guard, f64)> + 'a {
-        (0..work.held).filter_map(move |k| {
-            let force = work.lambda[k].value();
-            match work.constraints[k]?.holder {
+    fn force_guards(&self) -> impl Iterator<Item = (Guard, f64)> {
+        let work = &self.work;
+        work.held.forces().filter_map(move |(holder, force)| {
+            let force = force.value();
+            match holder {
                 Holder::Axis(i) => {
                     let level = work.level[i].value();
                     Some((Guard::Release(i), level * (1.0 + ROUNDING) + f64::MIN_POSITIVE - force.abs()))
                 }
-                Holder::Rotor(i) => match self.plays[i] {
+                Holder::Rotor(i) => match self.plant.plays[i] {
                     // The contact pushes the rotor back: against the side it leans to.
                     Play::Closed(side) => Some((Guard::Part(i), ROUNDING - force * side)),
                     _ => None,
                 },
-                Holder::Tangent => self.cone_guard(work).map(|value| (Guard::SlideStart, value)),
-                Holder::Normal => self.ground.lift_off.then_some((Guard::LiftOff, force + ROUNDING)),
+                Holder::Tangent => self.plant.cone_guard(work).map(|value| (Guard::SlideStart, value)),
+                Holder::Normal => self.plant.ground.lift_off.then_some((Guard::LiftOff, force + ROUNDING)),
             }
         })
     }
@@ -180,14 +179,14 @@ impl<S: Scalar> Machine<S> {
     /// Value of a guard that looks at the state alone.
     fn guard_value(&self, guard: Option<Guard>) -> Option<f64> {
         match guard? {
-            Guard::Stop(i) => Some(self.grips[i].direction() * self.axes[i].row.of(&self.end.v).value()),
+            Guard::Stop(i) => Some(self.plant.grips[i].direction() * self.plant.axes[i].row.value_of(&self.end.v)),
             Guard::Meet(i) => {
-                let rotor = &self.rotors[i];
-                Some(rotor.gap.value() * 0.5 - rotor.twist(&self.end.q).value().abs())
+                let rotor = &self.plant.rotors[i];
+                Some(rotor.gap.value() * 0.5 - rotor.twist_value(&self.end.q).abs())
             }
-            Guard::Touchdown => self.touchdown_guard(&self.end),
-            Guard::Land => self.landing_guard(&self.end),
-            Guard::SlideStop => self.slide_guard(&self.end),
+            Guard::Touchdown => self.plant.touchdown_guard(&self.end),
+            Guard::Land => self.plant.landing_guard(&self.end),
+            Guard::SlideStop => self.plant.slide_guard(&self.end),
             Guard::Release(_) | Guard::Part(_) | Guard::SlideStart | Guard::LiftOff => None,
         }
     }
@@ -198,10 +197,8 @@ impl<S: Scalar> Machine<S> {
         self.rk4(h);
         let correction = self.correction(h, guard);
         if correction.is_varied() {
-            let mut work = std::mem::take(&mut self.work);
-            self.flow(&self.end, self.now + h, &mut work);
-            self.end.drift(&work, correction, self.n, self.bristles);
-            self.work = work;
+            self.flow_at_end(h);
+            self.end.drift(&self.work, correction, self.plant.n, self.plant.bristles);
         }
         let reached = h + correction;
         self.accept(reached);
@@ -212,21 +209,17 @@ impl<S: Scalar> Machine<S> {
     fn correction(&mut self, h: S, guard: Guard) -> S {
         let (g, rate) = match guard {
             Guard::Stop(i) => {
-                let mut work = std::mem::take(&mut self.work);
-                self.flow(&self.end, self.now + h, &mut work);
-                let rate = self.axes[i].row.of(&work.a);
-                self.work = work;
-                (self.axes[i].row.of(&self.end.v), rate)
+                self.flow_at_end(h);
+                let rate = self.plant.axes[i].row.of(&self.work.a);
+                (self.plant.axes[i].row.of(&self.end.v), rate)
             }
             Guard::Meet(i) => {
-                let rotor = &self.rotors[i];
+                let rotor = &self.plant.rotors[i];
                 let (twist, rate) = (rotor.twist(&self.end.q), rotor.twist(&self.end.v));
                 (twist - rotor.gap * (0.5 * twist.sign()), rate)
             }
             Guard::Touchdown | Guard::Land | Guard::SlideStop => {
-                let mut work = std::mem::take(&mut self.work);
-                self.flow(&self.end, self.now + h, &mut work);
-                self.work = work;
+                self.flow_at_end(h);
                 let Some(event) = self.foot_event(guard) else { return S::zero() };
                 event
             }
@@ -242,15 +235,15 @@ impl<S: Scalar> Machine<S> {
     fn happen(&mut self, guard: Guard) {
         match guard {
             Guard::Stop(i) => {
-                self.grips[i] = Grip::Stuck;
-                if let &[(index, _)] = self.axes[i].row.terms() {
+                self.plant.grips[i] = Grip::Stuck;
+                if let &[(index, _)] = self.plant.axes[i].row.terms() {
                     // Exactly at rest: what is left is rounding.
                     self.y.v[index] = S::zero();
                 }
             }
             Guard::Release(i) => self.release(i),
             Guard::Meet(i) => self.meet(i),
-            Guard::Part(i) => self.plays[i] = Play::Free,
+            Guard::Part(i) => self.plant.plays[i] = Play::Free,
             Guard::Touchdown => self.touch_down(),
             Guard::Land => self.land(),
             Guard::SlideStart => self.start_sliding(),
@@ -263,29 +256,29 @@ impl<S: Scalar> Machine<S> {
     /// A stuck axis slides where it is pulled: against the force that held it.
     fn release(&mut self, i: usize) {
         self.flow_at_start();
-        let force = self.work.force_of(Holder::Axis(i)).map_or(0.0, Scalar::value);
-        self.grips[i] = Grip::along(-force);
+        let force = self.work.held.force_of(Holder::Axis(i)).map_or(0.0, Scalar::value);
+        self.plant.grips[i] = Grip::along(-force);
     }
 
     /// Inelastic meeting of rotor and link.
     fn meet(&mut self, i: usize) {
-        let side = self.rotors[i].twist(&self.y.q).sign();
-        let row = self.rotors[i].contact_row();
+        let side = self.plant.rotors[i].twist(&self.y.q).sign();
+        let row = self.plant.rotors[i].contact_row();
         self.flow_at_start();
-        let response = self.work.kick(&row, self.n);
-        let impulse = -(product(&row, &self.y.v, self.n) / product(&row, &response, self.n));
-        for k in 0..self.n {
+        let response = self.work.kick(&row, self.plant.n);
+        let impulse = -(product(&row, &self.y.v, self.plant.n) / product(&row, &response, self.plant.n));
+        for k in 0..self.plant.n {
             self.y.v[k] += response[k] * impulse;
         }
-        self.plays[i] = Play::Closed(side);
+        self.plant.plays[i] = Play::Closed(side);
         self.regrip();
         self.before_now();
     }
 
     /// After an impulse every axis slides along its rate, or is at rest.
     pub(super) fn regrip(&mut self) {
-        for (axis, grip) in self.axes.iter().zip(&mut self.grips) {
-            let rate = axis.row.of(&self.y.v).value();
+        for (axis, grip) in self.plant.axes.iter().zip(&mut self.plant.grips) {
+            let rate = axis.row.value_of(&self.y.v);
             if axis.dry.is_some() {
                 *grip = if rate.abs() > AT_REST { Grip::along(rate) } else { Grip::Stuck };
             }
@@ -298,9 +291,9 @@ impl<S: Scalar> Machine<S> {
         let mut row = [S::zero(); MAX];
         self.pushes[index].row.push(S::one(), &mut row);
         self.flow_at_start();
-        let response = self.work.kick(&row, self.n);
+        let response = self.work.kick(&row, self.plant.n);
         let impulse = self.pushes[index].impulse;
-        for k in 0..self.n {
+        for k in 0..self.plant.n {
             self.y.v[k] += response[k] * impulse;
         }
         self.regrip();
@@ -321,18 +314,19 @@ impl<S: Scalar> Machine<S> {
     /// Releases whatever is held beyond its strength under the present commands.
     pub(super) fn settle_modes(&mut self) {
         for _ in 0..MOST_CHANGES {
-            let stuck = self.axes.iter().zip(&self.grips).any(|(a, g)| a.dry.is_some() && *g == Grip::Stuck);
-            let closed = self.plays.iter().any(|p| matches!(p, Play::Closed(_)));
-            let may_slip = self.walks && (self.ground.friction.is_some() || self.ground.lift_off);
+            let stuck =
+                self.plant.axes.iter().zip(&self.plant.grips).any(|(a, g)| a.dry.is_some() && *g == Grip::Stuck);
+            let closed = self.plant.plays.iter().any(|p| matches!(p, Play::Closed(_)));
+            let may_slip = self.plant.walks && (self.plant.ground.friction.is_some() || self.plant.ground.lift_off);
             if !stuck && !closed && !may_slip {
                 return;
             }
             self.flow_at_start();
-            let broken = self.force_guards(&self.work).filter(|(_, value)| *value < 0.0);
+            let broken = self.force_guards().filter(|(_, value)| *value < 0.0);
             let Some((guard, _)) = broken.min_by(|a, b| a.1.total_cmp(&b.1)) else { return };
             match guard {
                 Guard::Release(i) => self.release(i),
-                Guard::Part(i) => self.plays[i] = Play::Free,
+                Guard::Part(i) => self.plant.plays[i] = Play::Free,
                 Guard::SlideStart => self.start_sliding(),
                 Guard::LiftOff => self.lift_off(),
                 _ => return,
@@ -344,8 +338,8 @@ impl<S: Scalar> Machine<S> {
     pub fn kinetic_energy(&mut self) -> S {
         self.flow_at_start();
         let mut sum = S::zero();
-        for i in 0..self.n {
-            for j in 0..self.n {
+        for i in 0..self.plant.n {
+            for j in 0..self.plant.n {
                 sum += self.work.eq.mass[i][j] * self.y.v[i] * self.y.v[j] * 0.5;
             }
         }

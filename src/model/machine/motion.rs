@@ -1,10 +1,14 @@
 //! Accelerations of a machine in its present modes, and the RK4 step. RT: yes, no allocation.
 
-use super::solve::{Factor, MAX_CONSTRAINTS, solve_small};
+use super::contact::{Feet, Ground};
+use super::hold::{Held, Holder};
+use super::solve::Factor;
 use super::{MAX_BRISTLES, Machine, Play};
 use crate::base::scalar::Scalar;
-use crate::model::effect::friction::{BRISTLE_RATIO, Grip};
-use crate::model::mechanism::{Equations, MAX, Mechanism};
+use crate::model::effect::actuator::Drive;
+use crate::model::effect::drive::{Rotor, StructuralMode};
+use crate::model::effect::friction::{Axis, BRISTLE_RATIO, Grip};
+use crate::model::mechanism::{Body, Equations, MAX, Mechanism};
 
 /// Continuous state: coordinates, rates, bristle deflections.
 #[derive(Clone, Debug)]
@@ -47,6 +51,19 @@ impl<S: Scalar> Phase<S> {
         }
     }
 
+    /// Adds the slopes of a stage with their weight, or starts with them.
+    #[inline]
+    fn gather(&mut self, starts: bool, weight: f64, at: &Self, work: &Work<S>, (n, bristles): (usize, usize)) {
+        let add = |sum: &mut S, slope: S| *sum = if starts { slope * weight } else { *sum + slope * weight };
+        for i in 0..n {
+            add(&mut self.q[i], at.v[i]);
+            add(&mut self.v[i], work.a[i]);
+        }
+        for i in 0..bristles {
+            add(&mut self.z[i], work.zdot[i]);
+        }
+    }
+
     /// False if a rate is not a number or beyond anything a machine does.
     pub(super) fn is_bounded(&self, n: usize) -> bool {
         self.v.iter().chain(&self.q).take(MAX + n).all(|x| x.value().abs() < FASTEST)
@@ -56,44 +73,19 @@ impl<S: Scalar> Phase<S> {
 /// No joint turns at this rate, rad/s, and no angle gets there.
 const FASTEST: f64 = 1e6;
 
-/// Who holds a constraint.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Holder {
-    Axis(usize),
-    Rotor(usize),
-    /// Foot, along the ground.
-    Tangent,
-    /// Foot, normal to the ground.
-    Normal,
-}
-
-/// `row · a = -bias`, held by a force along `force`.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Constraint<S> {
-    pub(super) holder: Holder,
-    pub(super) row: [S; MAX],
-    pub(super) force: [S; MAX],
-    pub(super) bias: S,
-}
-
 /// Scratch of one evaluation, and its results.
 #[derive(Clone, Debug)]
 pub struct Work<S> {
     pub(super) eq: Equations<S>,
-    pub(super) factor: Factor<S>,
+    factor: Factor<S>,
     /// Accelerations.
     pub(super) a: [S; MAX],
     pub(super) zdot: [S; MAX_BRISTLES],
-    pub(super) constraints: [Option<Constraint<S>>; MAX_CONSTRAINTS],
-    pub(super) held: usize,
-    /// Force of each constraint.
-    pub(super) lambda: [S; MAX_CONSTRAINTS],
+    pub(super) held: Held<S>,
     /// Dry friction level of each axis.
     pub(super) level: [S; MAX],
     /// Force on the toe's coordinates before the ground acts.
     pub(super) toe_bias: [S; 2],
-    at: Phase<S>,
-    sum: Phase<S>,
 }
 
 impl<S: Scalar> Default for Work<S> {
@@ -103,88 +95,56 @@ impl<S: Scalar> Default for Work<S> {
             factor: Factor::default(),
             a: [S::zero(); MAX],
             zdot: [S::zero(); MAX_BRISTLES],
-            constraints: [None; MAX_CONSTRAINTS],
-            held: 0,
-            lambda: [S::zero(); MAX_CONSTRAINTS],
+            held: Held::default(),
             level: [S::zero(); MAX],
             toe_bias: [S::zero(); 2],
-            at: Phase::default(),
-            sum: Phase::default(),
         }
     }
 }
 
 impl<S: Scalar> Work<S> {
-    pub(super) fn hold(&mut self, constraint: Constraint<S>) {
-        if self.held < MAX_CONSTRAINTS {
-            self.constraints[self.held] = Some(constraint);
-            self.held += 1;
-        }
-    }
-
-    /// Force of the constraint that `holder` holds.
-    pub(super) fn force_of(&self, holder: Holder) -> Option<S> {
-        (0..self.held).find(|k| self.constraints[*k].is_some_and(|c| c.holder == holder)).map(|k| self.lambda[k])
-    }
-
-    /// Solves `M a = f` with all constraints.
-    fn accelerate(&mut self, n: usize) {
-        self.a = self.eq.force;
-        if n == 1 && self.held == 0 {
-            self.a[0] /= self.eq.mass[0][0];
-            return;
-        }
-        self.factor.factor(&self.eq.mass, n);
-        self.factor.solve(&mut self.a, n);
-        if self.held > 0 {
-            self.constrain(n);
-        }
-    }
-
-    fn constrain(&mut self, n: usize) {
-        let k = self.held;
-        let mut response = [[S::zero(); MAX]; MAX_CONSTRAINTS];
-        let mut gram = [[S::zero(); MAX_CONSTRAINTS]; MAX_CONSTRAINTS];
-        let mut rhs = [S::zero(); MAX_CONSTRAINTS];
-        for (j, constraint) in self.constraints.iter().take(k).flatten().enumerate() {
-            response[j] = constraint.force;
-            self.factor.solve(&mut response[j], n);
-        }
-        for (i, constraint) in self.constraints.iter().take(k).flatten().enumerate() {
-            rhs[i] = -constraint.bias - product(&constraint.row, &self.a, n);
-            for j in 0..k {
-                gram[i][j] = product(&constraint.row, &response[j], n);
-            }
-        }
-        solve_small(&mut gram, &mut rhs, k);
-        for j in 0..k {
-            self.lambda[j] = rhs[j];
-            for i in 0..n {
-                self.a[i] += response[j][i] * rhs[j];
-            }
-        }
-    }
-
     /// Change of rates by an impulse `p` along `row`: `M⁻¹ rowᵀ p`, no constraint acting.
     pub(super) fn kick(&mut self, row: &[S; MAX], n: usize) -> [S; MAX] {
         let mut response = *row;
-        self.factor.factor(&self.eq.mass, n);
-        self.factor.solve(&mut response, n);
+        self.factor.factor(&self.eq.mass, 0..n);
+        self.factor.solve(&mut response);
         response
     }
 }
 
-/// Scalar product of the first `n`.
-#[inline]
-pub(super) fn product<S: Scalar>(a: &[S; MAX], b: &[S; MAX], n: usize) -> S {
-    let mut sum = S::zero();
-    for i in 0..n {
-        sum += a[i] * b[i];
-    }
-    sum
+/// Intermediate state and weighted sum of a step.
+#[derive(Clone, Debug)]
+pub(super) struct Stages<S> {
+    at: Phase<S>,
+    sum: Phase<S>,
 }
 
-impl<S: Scalar> Machine<S> {
+impl<S: Scalar> Default for Stages<S> {
+    fn default() -> Self {
+        Self { at: Phase::default(), sum: Phase::default() }
+    }
+}
+
+/// What moves, and in which mode: all that accelerations depend on, beside the state.
+#[derive(Clone, Debug)]
+pub(super) struct Plant<S> {
+    pub(super) body: Body<S>,
+    /// Generalised coordinates of the bare mechanism, and with rotors and modes.
+    pub(super) n_body: usize,
+    pub(super) n: usize,
+    pub(super) bristles: usize,
+    pub(super) axes: Vec<Axis<S>>,
+    pub(super) grips: Vec<Grip>,
+    pub(super) rotors: Vec<Rotor<S>>,
+    pub(super) plays: Vec<Play>,
+    pub(super) structures: Vec<StructuralMode<S>>,
+    pub(super) drives: Vec<Drive<S>>,
+    pub(super) walks: bool,
+    pub(super) ground: Ground<S>,
+    pub(super) feet: Feet<S>,
+}
+
+impl<S: Scalar> Plant<S> {
     /// Accelerations and bristle rates at `y`, time `t`, into `work`.
     pub(super) fn flow(&self, y: &Phase<S>, t: S, work: &mut Work<S>) {
         self.body.equations(&y.q, &y.v, &mut work.eq);
@@ -192,7 +152,7 @@ impl<S: Scalar> Machine<S> {
         for i in self.n_body..self.n {
             work.eq.force[i] = S::zero();
         }
-        work.held = 0;
+        work.held.clear();
         for structure in &self.structures {
             structure.add_to(&y.q, &y.v, &mut work.eq);
         }
@@ -203,14 +163,7 @@ impl<S: Scalar> Machine<S> {
         }
         self.add_axes(y, t, &bias, work);
         self.add_foot(y, work);
-        work.accelerate(self.n);
-    }
-
-    /// [`Self::flow`] at the present state.
-    pub(super) fn flow_at_start(&mut self) {
-        let mut work = std::mem::take(&mut self.work);
-        self.flow(&self.y, self.now, &mut work);
-        self.work = work;
+        work.held.accelerate(&work.eq, self.n, &mut work.factor, &mut work.a);
     }
 
     fn add_rotors(&self, y: &Phase<S>, work: &mut Work<S>) {
@@ -222,7 +175,7 @@ impl<S: Scalar> Machine<S> {
                 work.eq.force[rotor.index] -= torque;
             } else if self.plays[i] != Play::Free {
                 let row = rotor.contact_row();
-                work.hold(Constraint { holder: Holder::Rotor(i), row, force: row, bias: S::zero() });
+                work.held.along(Holder::Rotor(i), row, row, S::zero());
             }
         }
     }
@@ -242,9 +195,13 @@ impl<S: Scalar> Machine<S> {
                 work.zdot[bristle] = zdot;
                 bristle += 1;
             } else if self.grips[i] == Grip::Stuck {
-                let mut row = [S::zero(); MAX];
-                axis.row.push(S::one(), &mut row);
-                work.hold(Constraint { holder: Holder::Axis(i), row, force: row, bias: S::zero() });
+                if let &[(index, factor)] = axis.row.terms() {
+                    work.held.still(Holder::Axis(i), index, factor);
+                } else {
+                    let mut row = [S::zero(); MAX];
+                    axis.row.push(S::one(), &mut row);
+                    work.held.along(Holder::Axis(i), row, row, S::zero());
+                }
             } else {
                 axis.row.push(-(level * self.grips[i].direction()), &mut work.eq.force);
             }
@@ -268,51 +225,56 @@ impl<S: Scalar> Machine<S> {
         (motors + self.body.held_torque(joint, bias)) * 0.5
     }
 
-    /// One RK4 step of length `h` from `y` into `end`; modes and commands as they are.
-    pub(super) fn rk4(&mut self, h: S) {
-        let mut work = std::mem::take(&mut self.work);
+    /// One RK4 step of length `h` from `y` at `now` into `end`; modes and commands as they are.
+    pub(super) fn step(
+        &self,
+        (y, now): (&Phase<S>, S),
+        h: S,
+        end: &mut Phase<S>,
+        Stages { at, sum }: &mut Stages<S>,
+        work: &mut Work<S>,
+    ) {
         let (n, bristles) = (self.n, self.bristles);
-        let mut at = std::mem::take(&mut work.at);
-        let mut sum = std::mem::take(&mut work.sum);
-        at.copy_from(&self.y, n, bristles);
-        for i in 0..n {
-            sum.q[i] = S::zero();
-            sum.v[i] = S::zero();
-        }
-        for i in 0..bristles {
-            sum.z[i] = S::zero();
-        }
+        at.copy_from(y, n, bristles);
         for (stage, (reach, weight)) in STAGES.iter().enumerate() {
-            self.flow(&at, self.now + h * TIMES[stage], &mut work);
-            for i in 0..n {
-                sum.q[i] += at.v[i] * *weight;
-                sum.v[i] += work.a[i] * *weight;
-            }
-            for i in 0..bristles {
-                sum.z[i] += work.zdot[i] * *weight;
-            }
-            if stage == 3 {
-                break;
-            }
-            let reach = h * *reach;
-            for i in 0..n {
-                at.q[i] = self.y.q[i] + at.v[i] * reach;
-                at.v[i] = self.y.v[i] + work.a[i] * reach;
-            }
-            for i in 0..bristles {
-                at.z[i] = self.y.z[i] + work.zdot[i] * reach;
+            self.flow(at, now + h * TIMES[stage], work);
+            sum.gather(stage == 0, *weight, at, work, (n, bristles));
+            if stage < 3 {
+                let reach = h * *reach;
+                for i in 0..n {
+                    at.q[i] = y.q[i] + at.v[i] * reach;
+                    at.v[i] = y.v[i] + work.a[i] * reach;
+                }
+                for i in 0..bristles {
+                    at.z[i] = y.z[i] + work.zdot[i] * reach;
+                }
             }
         }
         for i in 0..n {
-            self.end.q[i] = self.y.q[i] + sum.q[i] * h;
-            self.end.v[i] = self.y.v[i] + sum.v[i] * h;
+            end.q[i] = y.q[i] + sum.q[i] * h;
+            end.v[i] = y.v[i] + sum.v[i] * h;
         }
         for i in 0..bristles {
-            self.end.z[i] = self.y.z[i] + sum.z[i] * h;
+            end.z[i] = y.z[i] + sum.z[i] * h;
         }
-        work.at = at;
-        work.sum = sum;
-        self.work = work;
+    }
+}
+
+impl<S: Scalar> Machine<S> {
+    /// [`Plant::flow`] at the present state.
+    pub(super) fn flow_at_start(&mut self) {
+        self.plant.flow(&self.y, self.now, &mut self.work);
+    }
+
+    /// [`Plant::flow`] at the end of a step of length `h`.
+    pub(super) fn flow_at_end(&mut self, h: S) {
+        self.plant.flow(&self.end, self.now + h, &mut self.work);
+    }
+
+    /// One RK4 step from `y` into `end`.
+    pub(super) fn rk4(&mut self, h: S) {
+        let Self { plant, y, now, end, stages, work, .. } = self;
+        plant.step((y, *now), h, end, stages, work);
     }
 }
 

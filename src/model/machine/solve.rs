@@ -6,25 +6,32 @@ use crate::model::mechanism::MAX;
 /// Most constraints at once: three axes, two rotors, two of the foot.
 pub(super) const MAX_CONSTRAINTS: usize = 7;
 
-/// L D Lᵀ of a symmetric positive matrix: `l` below the diagonal, `inverse` of D.
+/// L D Lᵀ of a symmetric positive matrix: `l` below the diagonal, `inverse` of D; of some of its rows and columns.
 #[derive(Clone, Debug)]
 pub(super) struct Factor<S> {
     l: [[S; MAX]; MAX],
     inverse: [S; MAX],
+    rows: [usize; MAX],
+    len: usize,
 }
 
 impl<S: Scalar> Default for Factor<S> {
     fn default() -> Self {
-        Self { l: [[S::zero(); MAX]; MAX], inverse: [S::zero(); MAX] }
+        Self { l: [[S::zero(); MAX]; MAX], inverse: [S::zero(); MAX], rows: [0; MAX], len: 0 }
     }
 }
 
 impl<S: Scalar> Factor<S> {
-    /// Factors the first `n` rows and columns of `m`.
+    /// Factors `rows` (and columns) of `m`.
     #[inline]
-    pub(super) fn factor(&mut self, m: &[[S; MAX]; MAX], n: usize) {
-        for j in 0..n {
-            let mut d = m[j][j];
+    pub(super) fn factor(&mut self, m: &[[S; MAX]; MAX], rows: impl Iterator<Item = usize>) {
+        self.len = 0;
+        for (slot, row) in self.rows.iter_mut().zip(rows) {
+            *slot = row;
+            self.len += 1;
+        }
+        for j in 0..self.len {
+            let mut d = m[self.rows[j]][self.rows[j]];
             for k in 0..j {
                 // l holds L·D here until the row is finished.
                 let lkd = self.l[j][k];
@@ -33,8 +40,8 @@ impl<S: Scalar> Factor<S> {
                 self.l[j][k] = lk;
             }
             self.inverse[j] = S::one() / d;
-            for i in j + 1..n {
-                let mut x = m[i][j];
+            for i in j + 1..self.len {
+                let mut x = m[self.rows[i]][self.rows[j]];
                 for k in 0..j {
                     x -= self.l[i][k] * self.l[j][k];
                 }
@@ -43,20 +50,23 @@ impl<S: Scalar> Factor<S> {
         }
     }
 
-    /// Solves in place.
+    /// Solves in place; the other rows of `x` stay as they are.
     #[inline]
-    pub(super) fn solve(&self, x: &mut [S; MAX], n: usize) {
+    pub(super) fn solve(&self, x: &mut [S; MAX]) {
+        let (rows, n) = (&self.rows, self.len);
         for i in 1..n {
             for k in 0..i {
-                x[i] -= self.l[i][k] * x[k];
+                let below = self.l[i][k] * x[rows[k]];
+                x[rows[i]] -= below;
             }
         }
         for i in 0..n {
-            x[i] *= self.inverse[i];
+            x[rows[i]] *= self.inverse[i];
         }
         for i in (0..n).rev() {
             for k in i + 1..n {
-                x[i] -= self.l[k][i] * x[k];
+                let above = self.l[k][i] * x[rows[k]];
+                x[rows[i]] -= above;
             }
         }
     }

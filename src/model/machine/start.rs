@@ -42,21 +42,21 @@ impl<S: Scalar> Machine<S> {
     /// What the numbers of [`Self::reset`] are, in order.
     #[must_use]
     pub fn initial_layout(&self) -> Vec<Inner> {
-        let moving = self.n_body.min(2);
+        let moving = self.plant.n_body.min(2);
         let mut layout: Vec<Inner> = (0..moving).map(Inner::Coordinate).collect();
         layout.extend((0..moving).map(Inner::Rate));
-        for (i, rotor) in self.rotors.iter().enumerate() {
-            if self.plays[i] != Play::Rigid {
+        for (i, rotor) in self.plant.rotors.iter().enumerate() {
+            if self.plant.plays[i] != Play::Rigid {
                 layout.push(Inner::Twist(i));
             }
             if rotor.spring.is_some() {
                 layout.push(Inner::TwistRate(i));
             }
         }
-        for i in 0..self.structures.len() {
+        for i in 0..self.plant.structures.len() {
             layout.extend([Inner::Deflection(i), Inner::DeflectionRate(i)]);
         }
-        layout.extend((0..self.bristles).map(Inner::Bristle));
+        layout.extend((0..self.plant.bristles).map(Inner::Bristle));
         let lags = self.pickups.iter().enumerate().filter(|(_, p)| p.lag.is_some());
         layout.extend(lags.map(|(i, _)| Inner::Lag(i)));
         layout
@@ -75,13 +75,13 @@ impl<S: Scalar> Machine<S> {
                 Inner::Rate(i) => self.y.v[i] = x,
                 Inner::Twist(i) => twists[i] = x,
                 Inner::TwistRate(i) => twist_rates[i] = x,
-                Inner::Deflection(i) => self.y.q[self.structures[i].index] = x,
-                Inner::DeflectionRate(i) => self.y.v[self.structures[i].index] = x,
+                Inner::Deflection(i) => self.y.q[self.plant.structures[i].index] = x,
+                Inner::DeflectionRate(i) => self.y.v[self.plant.structures[i].index] = x,
                 Inner::Bristle(i) => self.y.z[i] = x,
                 Inner::Lag(i) => lags[i] = x,
             }
         }
-        for i in 0..self.rotors.len() {
+        for i in 0..self.plant.rotors.len() {
             self.start_rotor(i, twists[i], twist_rates[i]);
         }
         self.start_feet();
@@ -96,9 +96,9 @@ impl<S: Scalar> Machine<S> {
     }
 
     fn start_rotor(&mut self, i: usize, twist: S, twist_rate: S) {
-        let rotor = &self.rotors[i];
+        let rotor = &self.plant.rotors[i];
         let half = rotor.gap * 0.5;
-        let (mut twist, mut play) = (twist, self.plays[i]);
+        let (mut twist, mut play) = (twist, self.plant.plays[i]);
         if rotor.spring.is_none() && play != Play::Rigid {
             play = Play::Free;
             if twist.value().abs() >= half.value() {
@@ -109,7 +109,7 @@ impl<S: Scalar> Machine<S> {
         let index = rotor.index;
         self.y.q[index] = rotor.link.of(&self.y.q) + twist;
         self.y.v[index] = rotor.link.of(&self.y.v) + twist_rate;
-        self.plays[i] = play;
+        self.plant.plays[i] = play;
     }
 
     /// Lags start as if the present rate had lasted for ever, plus what the start says.
@@ -124,10 +124,10 @@ impl<S: Scalar> Machine<S> {
 
     /// The step for RK4: [`LONGEST_STEP_S`], or a fraction of the fastest rates of the machine linearised here.
     fn suitable_step(&mut self) -> f64 {
-        let n = self.n;
+        let n = self.plant.n;
         let mut work = Work::default();
         let mut y = self.y.clone();
-        self.flow(&y, self.now, &mut work);
+        self.plant.flow(&y, self.now, &mut work);
         let base = work.a;
         // Row sums bound the largest eigenvalue of M⁻¹K and M⁻¹D.
         let (mut stiff, mut damped) = ([0.0_f64; MAX], [0.0_f64; MAX]);
@@ -135,7 +135,7 @@ impl<S: Scalar> Machine<S> {
             for (of_rates, sums) in [(false, &mut stiff), (true, &mut damped)] {
                 let x = if of_rates { &mut y.v[j] } else { &mut y.q[j] };
                 *x += S::constant(NUDGE);
-                self.flow(&y, self.now, &mut work);
+                self.plant.flow(&y, self.now, &mut work);
                 let x = if of_rates { &mut y.v[j] } else { &mut y.q[j] };
                 *x -= S::constant(NUDGE);
                 for i in 0..n {
@@ -150,8 +150,8 @@ impl<S: Scalar> Machine<S> {
 
     /// Fastest bristle against the inertia it holds, rad/s.
     fn bristle_frequency(&self) -> f64 {
-        let bristled = self.axes.iter().filter_map(|a| a.dry.as_ref()?.bristle.map(|k| (a.joint, k.value())));
-        bristled.map(|(j, k)| libm::sqrt(k / self.body.link_inertia(j).value())).fold(0.0, f64::max)
+        let bristled = self.plant.axes.iter().filter_map(|a| a.dry.as_ref()?.bristle.map(|k| (a.joint, k.value())));
+        bristled.map(|(j, k)| libm::sqrt(k / self.plant.body.link_inertia(j).value())).fold(0.0, f64::max)
     }
 }
 
@@ -170,7 +170,7 @@ impl<S: Scalar> Machine<S> {
     pub fn sensor_row(&self, index: usize, n: usize) -> Vec<f64> {
         let mut row = vec![0.0; n];
         for &(i, factor) in self.pickups[index].row.terms() {
-            let rotor = self.rotors.iter().find(|r| r.index == i);
+            let rotor = self.plant.rotors.iter().find(|r| r.index == i);
             let terms = rotor.map_or_else(|| vec![(i, 1.0)], |r| r.link.terms().to_vec());
             for (k, f) in terms.into_iter().filter(|(k, _)| *k < n) {
                 row[k] += factor * f;
@@ -189,7 +189,7 @@ impl<S: Scalar> Machine<S> {
 
     /// Puts the robot on leg `leg` (0 inner, 1 outer) before a run; set-ups with a fixed stance keep theirs.
     pub fn set_stance(&mut self, leg: usize) {
-        if let (Body::Legs(legs), true) = (&mut self.body, self.walks) {
+        if let (Body::Legs(legs), true) = (&mut self.plant.body, self.plant.walks) {
             legs.set_stance(leg);
         }
     }

@@ -1,0 +1,202 @@
+//! The feet as geometry: where they are, what holds the stance foot, when the swing foot may touch down.
+//!
+//! Coordinates as in [`super::contact`]. RT: yes, no allocation.
+
+use super::contact::Contact;
+use super::hold::{Holder, product};
+use super::motion::{Phase, Plant, Work};
+use crate::base::scalar::Scalar;
+use crate::model::mechanism::{Body, Legs, MAX};
+
+/// First of the two generalised coordinates of the stance toe.
+pub(super) const TOE: usize = 2;
+/// Feet closer than this, in leg lengths, do not touch down by themselves: a leg passes the other.
+pub(super) const APART: f64 = 0.08;
+/// Slack of the friction cone, N.
+const ROUNDING: f64 = 1e-9;
+
+/// Velocity rows of a foot, `contact velocity = row · v`, and what the rates add to its acceleration.
+pub(super) struct FootRows<S> {
+    pub(super) tangent: [S; MAX],
+    pub(super) normal: [S; MAX],
+    pub(super) bias: [S; 2],
+}
+
+impl<S: Scalar> Plant<S> {
+    pub(super) fn legs(&self) -> Option<&Legs<S>> {
+        match &self.body {
+            Body::Legs(legs) if self.walks => Some(legs),
+            _ => None,
+        }
+    }
+
+    /// Rows of the foot of `leg`: 0 stance, 1 swing (by role).
+    pub(super) fn foot_rows(&self, y: &Phase<S>, swing: bool) -> Option<FootRows<S>> {
+        let legs = self.legs()?;
+        let (s, w) = (legs.stance(), 1 - legs.stance());
+        let mut rows = FootRows { tangent: [S::zero(); MAX], normal: [S::zero(); MAX], bias: [S::zero(); 2] };
+        rows.tangent[2] = S::one();
+        rows.normal[3] = S::one();
+        let l = legs.length();
+        if swing {
+            let ((ss, cs), (sw, cw)) = ((y.q[s] + legs.slope()).sin_cos(), (y.q[w] + legs.slope()).sin_cos());
+            rows.tangent[s] = -(l * cs);
+            rows.tangent[w] = l * cw;
+            rows.normal[s] = -(l * ss);
+            rows.normal[w] = l * sw;
+        }
+        let leg = if swing { w } else { s };
+        // A rolling arc: its contact point moves with the toe and turns about the arc's centre. A short toe: so too,
+        // but it does not roll.
+        let (radius, short) = (self.ground.radius.unwrap_or_default(), self.short(leg));
+        let reach = radius + short;
+        if self.ground.radius.is_some() || self.feet.short.is_some() {
+            let (sin, cos) = (y.q[leg] + legs.slope()).sin_cos();
+            let rate = y.v[leg];
+            rows.tangent[leg] -= reach * cos - radius;
+            rows.normal[leg] -= reach * sin;
+            rows.bias = [reach * sin * rate * rate, -(reach * cos * rate * rate)];
+        }
+        Some(rows)
+    }
+
+    /// Height of the swing foot above the ground, m.
+    pub(super) fn swing_height(&self, y: &Phase<S>) -> Option<S> {
+        let legs = self.legs()?;
+        let (s, w) = (legs.stance(), 1 - legs.stance());
+        let (cs, cw) = ((y.q[s] + legs.slope()).cos(), (y.q[w] + legs.slope()).cos());
+        let mut height = y.q[3] + legs.length() * (cs - cw);
+        if let Some(radius) = self.ground.radius {
+            height += radius * (cw - 1.0);
+        }
+        Some(height + self.short(w) * cw)
+    }
+
+    /// Swing toe ahead of the stance toe, m along the ground.
+    pub(super) fn stride(&self, y: &Phase<S>) -> Option<S> {
+        let legs = self.legs()?;
+        let (s, w) = (legs.stance(), 1 - legs.stance());
+        Some(legs.length() * ((y.q[w] + legs.slope()).sin() - (y.q[s] + legs.slope()).sin()))
+    }
+
+    /// Height of the swing foot if it may touch down now.
+    pub(super) fn touchdown_guard(&self, y: &Phase<S>) -> Option<f64> {
+        let legs = self.legs()?;
+        if self.feet.told {
+            self.feet.due.filter(|leg| *leg != legs.stance())?;
+        } else {
+            let stride = self.stride(y)?.value();
+            if stride.abs() < APART * legs.length().value() || stride * self.feet.side > 0.0 {
+                return None;
+            }
+            // A foot that scuffed in mid-swing comes up again: the toe is retracted, nothing happens.
+            let rises = product(&self.foot_rows(y, true)?.normal, &y.v, self.n).value() > 0.0;
+            if rises {
+                return None;
+            }
+        }
+        self.swing_height(y).map(Scalar::value)
+    }
+
+    /// Height of a stance foot in flight.
+    pub(super) fn landing_guard(&self, y: &Phase<S>) -> Option<f64> {
+        (self.walks && self.feet.contact == Contact::Flight).then(|| self.stance_height(y).value())
+    }
+
+    pub(super) fn stance_height(&self, y: &Phase<S>) -> S {
+        let Some(legs) = self.legs() else { return y.q[3] };
+        let cos = (y.q[legs.stance()] + legs.slope()).cos();
+        y.q[3] + self.ground.radius.unwrap_or_default() * (cos - 1.0) + self.short(legs.stance()) * cos
+    }
+
+    /// Sliding speed in the direction of sliding.
+    pub(super) fn slide_guard(&self, y: &Phase<S>) -> Option<f64> {
+        let Contact::Sliding(direction) = self.feet.contact else { return None };
+        self.foot_rows(y, false).map(|rows| product(&rows.tangent, &y.v, self.n).value() * direction)
+    }
+
+    /// What is left of the friction cone while the foot is held.
+    pub(super) fn cone_guard(&self, work: &Work<S>) -> Option<f64> {
+        let friction = self.ground.friction?.value();
+        let (tangent, normal) =
+            (work.held.force_of(Holder::Tangent)?.value(), work.held.force_of(Holder::Normal)?.value());
+        Some(friction * normal.max(0.0) * (1.0 + 1e-10) + ROUNDING - tangent.abs())
+    }
+
+    /// Constraints of the stance foot.
+    pub(super) fn add_foot(&self, y: &Phase<S>, work: &mut Work<S>) {
+        if !self.walks {
+            return;
+        }
+        work.toe_bias = [work.eq.force[TOE], work.eq.force[TOE + 1]];
+        match self.feet.contact {
+            Contact::Flight => {}
+            _ if self.ground.compliance.is_some() => self.add_sprung_foot(y, work),
+            Contact::Held => {
+                if self.ground.radius.is_none() && self.feet.short.is_none() {
+                    work.held.still(Holder::Tangent, TOE, 1.0);
+                    work.held.still(Holder::Normal, TOE + 1, 1.0);
+                } else if let Some(rows) = self.foot_rows(y, false) {
+                    work.held.along(Holder::Tangent, rows.tangent, rows.tangent, rows.bias[0]);
+                    work.held.along(Holder::Normal, rows.normal, rows.normal, rows.bias[1]);
+                }
+            }
+            Contact::Sliding(direction) => {
+                let Some(rows) = self.foot_rows(y, false) else { return };
+                let drag = self.ground.friction.unwrap_or_default() * direction;
+                let mut force = rows.normal;
+                for i in 0..self.n {
+                    force[i] -= rows.tangent[i] * drag;
+                }
+                work.held.along(Holder::Normal, rows.normal, force, rows.bias[1]);
+            }
+        }
+    }
+
+    /// A spring along the leg between toe and tip; the tip does not move, across the leg the toe stays in line.
+    fn add_sprung_foot(&self, y: &Phase<S>, work: &mut Work<S>) {
+        let (Some(legs), Some((stiffness, damping))) = (self.legs(), self.ground.compliance) else { return };
+        let s = legs.stance();
+        let (sin, cos) = (y.q[s] + legs.slope()).sin_cos();
+        let (rx, ry) = (y.q[2] - self.feet.tip, y.q[3]);
+        // d = (-sin, cos) along the leg, e = (cos, sin) across it.
+        let along = ry * cos - rx * sin;
+        let speed = y.v[3] * cos - y.v[2] * sin;
+        let push = -(stiffness * along) - damping * speed;
+        work.eq.force[2] -= push * sin;
+        work.eq.force[3] += push * cos;
+        let mut row = [S::zero(); MAX];
+        row[2] = cos;
+        row[3] = sin;
+        row[s] = along;
+        let bias = y.v[s] * speed * 2.0;
+        work.held.along(Holder::Tangent, row, row, bias);
+    }
+
+    /// Velocity rows of the point at the end of the swing leg.
+    pub(super) fn swing_toe_rows(&self, y: &Phase<S>) -> [[S; MAX]; 2] {
+        let mut rows = [[S::zero(); MAX]; 2];
+        if let Some(legs) = self.legs() {
+            let (s, w) = (legs.stance(), 1 - legs.stance());
+            let ((ss, cs), (sw, cw)) = ((y.q[s] + legs.slope()).sin_cos(), (y.q[w] + legs.slope()).sin_cos());
+            let l = legs.length();
+            rows[0][2] = S::one();
+            rows[1][3] = S::one();
+            (rows[0][s], rows[0][w]) = (-(l * cs), l * cw);
+            (rows[1][s], rows[1][w]) = (-(l * ss), l * sw);
+        }
+        rows
+    }
+
+    /// Its height, m.
+    pub(super) fn swing_toe_height(&self, y: &Phase<S>) -> S {
+        let Some(legs) = self.legs() else { return S::zero() };
+        let (s, w) = (legs.stance(), 1 - legs.stance());
+        let (cs, cw) = ((y.q[s] + legs.slope()).cos(), (y.q[w] + legs.slope()).cos());
+        y.q[3] + legs.length() * (cs - cw)
+    }
+
+    pub(super) fn short(&self, leg: usize) -> S {
+        self.feet.short.map_or(S::zero(), |short| short[leg])
+    }
+}

@@ -1,0 +1,172 @@
+//! `M a = f` under constraints. RT: yes, no allocation.
+//!
+//! A constraint that holds one generalised coordinate still (a stuck pendulum, a foot that stands) takes it out of the
+//! equations; its force follows from the row that was left out. Others are solved for by their forces.
+
+use super::solve::{Factor, MAX_CONSTRAINTS, solve_small};
+use crate::base::scalar::Scalar;
+use crate::model::mechanism::{Equations, MAX};
+
+/// Who holds a constraint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Holder {
+    Axis(usize),
+    Rotor(usize),
+    /// Foot, along the ground.
+    Tangent,
+    /// Foot, normal to the ground.
+    Normal,
+}
+
+/// How a constraint is kept.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    /// `factor · a[index] = 0`.
+    Still { index: usize, factor: f64 },
+    /// `row · a = -bias`, by a force along `push`.
+    Along,
+}
+
+/// The constraints of one evaluation and their forces.
+#[derive(Clone, Debug)]
+pub(super) struct Held<S> {
+    len: usize,
+    holders: [Holder; MAX_CONSTRAINTS],
+    kinds: [Kind; MAX_CONSTRAINTS],
+    rows: [[S; MAX]; MAX_CONSTRAINTS],
+    pushes: [[S; MAX]; MAX_CONSTRAINTS],
+    bias: [S; MAX_CONSTRAINTS],
+    force: [S; MAX_CONSTRAINTS],
+    /// `M⁻¹ push`.
+    response: [[S; MAX]; MAX_CONSTRAINTS],
+    gram: [[S; MAX_CONSTRAINTS]; MAX_CONSTRAINTS],
+}
+
+impl<S: Scalar> Default for Held<S> {
+    fn default() -> Self {
+        Self {
+            len: 0,
+            holders: [Holder::Normal; MAX_CONSTRAINTS],
+            kinds: [Kind::Along; MAX_CONSTRAINTS],
+            rows: [[S::zero(); MAX]; MAX_CONSTRAINTS],
+            pushes: [[S::zero(); MAX]; MAX_CONSTRAINTS],
+            bias: [S::zero(); MAX_CONSTRAINTS],
+            force: [S::zero(); MAX_CONSTRAINTS],
+            response: [[S::zero(); MAX]; MAX_CONSTRAINTS],
+            gram: [[S::zero(); MAX_CONSTRAINTS]; MAX_CONSTRAINTS],
+        }
+    }
+}
+
+impl<S: Scalar> Held<S> {
+    /// Lets everything go.
+    pub(super) fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// Holds generalised coordinate `index` still by a force on `factor` times it.
+    pub(super) fn still(&mut self, holder: Holder, index: usize, factor: f64) {
+        self.push(holder, Kind::Still { index, factor });
+    }
+
+    /// Keeps `row · a = -bias` by a force along `push`.
+    pub(super) fn along(&mut self, holder: Holder, row: [S; MAX], push: [S; MAX], bias: S) {
+        if let Some(k) = self.push(holder, Kind::Along) {
+            self.rows[k] = row;
+            self.pushes[k] = push;
+            self.bias[k] = bias;
+        }
+    }
+
+    fn push(&mut self, holder: Holder, kind: Kind) -> Option<usize> {
+        let k = self.len;
+        if k >= MAX_CONSTRAINTS {
+            return None;
+        }
+        self.holders[k] = holder;
+        self.kinds[k] = kind;
+        self.len += 1;
+        Some(k)
+    }
+
+    /// Each holder with its force.
+    pub(super) fn forces(&self) -> impl Iterator<Item = (Holder, S)> {
+        (0..self.len).map(|k| (self.holders[k], self.force[k]))
+    }
+
+    /// Force of the constraint that `holder` holds.
+    pub(super) fn force_of(&self, holder: Holder) -> Option<S> {
+        self.forces().find(|(h, _)| *h == holder).map(|(_, force)| force)
+    }
+
+    /// Accelerations under the constraints into `a`, and their forces.
+    pub(super) fn accelerate(&mut self, eq: &Equations<S>, n: usize, factor: &mut Factor<S>, a: &mut [S; MAX]) {
+        let mut free = [true; MAX];
+        for kind in &self.kinds[..self.len] {
+            if let Kind::Still { index, .. } = *kind {
+                free[index] = false;
+            }
+        }
+        factor.factor(&eq.mass, (0..n).filter(|i| free[*i]));
+        for i in 0..n {
+            a[i] = if free[i] { eq.force[i] } else { S::zero() };
+        }
+        factor.solve(a);
+        if self.len > 0 {
+            self.constrain(n, &free, factor, a);
+            self.hold_still(eq, n, a);
+        }
+    }
+
+    fn constrain(&mut self, n: usize, free: &[bool; MAX], factor: &Factor<S>, a: &mut [S; MAX]) {
+        let mut along = [0; MAX_CONSTRAINTS];
+        let mut count = 0;
+        for k in (0..self.len).filter(|k| matches!(self.kinds[*k], Kind::Along)) {
+            along[count] = k;
+            count += 1;
+        }
+        let along = &along[..count];
+        for (j, &k) in along.iter().enumerate() {
+            for i in 0..n {
+                self.response[j][i] = if free[i] { self.pushes[k][i] } else { S::zero() };
+            }
+            factor.solve(&mut self.response[j]);
+        }
+        let mut force = [S::zero(); MAX_CONSTRAINTS];
+        for (i, &k) in along.iter().enumerate() {
+            force[i] = -self.bias[k] - product(&self.rows[k], a, n);
+            for j in 0..count {
+                self.gram[i][j] = product(&self.rows[k], &self.response[j], n);
+            }
+        }
+        solve_small(&mut self.gram, &mut force, count);
+        for (j, &k) in along.iter().enumerate() {
+            self.force[k] = force[j];
+            for i in 0..n {
+                a[i] += self.response[j][i] * force[j];
+            }
+        }
+    }
+
+    /// Forces on the coordinates that were left out.
+    fn hold_still(&mut self, eq: &Equations<S>, n: usize, a: &[S; MAX]) {
+        for k in 0..self.len {
+            let Kind::Still { index, factor } = self.kinds[k] else { continue };
+            let mut force = product(&eq.mass[index], a, n) - eq.force[index];
+            for j in (0..self.len).filter(|j| matches!(self.kinds[*j], Kind::Along)) {
+                force -= self.pushes[j][index] * self.force[j];
+            }
+            self.force[k] = force / factor;
+        }
+    }
+}
+
+/// Scalar product of the first `n`.
+#[inline]
+pub(super) fn product<S: Scalar>(a: &[S; MAX], b: &[S; MAX], n: usize) -> S {
+    let mut sum = S::zero();
+    for i in 0..n {
+        sum += a[i] * b[i];
+    }
+    sum
+}
