@@ -6,4 +6,5 @@ pub mod linalg;
 pub mod ode;
 pub mod riccati;
 pub mod scalar;
+pub mod spectrum;
 pub mod time;

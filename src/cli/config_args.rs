@@ -1,6 +1,6 @@
 //! The configuration on the command line, alike in every subcommand: `--config F`, `--set key=value`. RT: no.
 
-use crate::config::{self, Errors, Resolved};
+use crate::config::{self, Choice, Errors, Resolved};
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -11,6 +11,10 @@ pub struct ConfigArgs {
     /// Sections that are not there come whole from the embedded default
     #[arg(long = "config", value_name = "F")]
     pub path: Option<PathBuf>,
+    /// Model file, as `compass diagnose` writes it: what observer and controller shall believe. The simulated robot
+    /// stays as it is
+    #[arg(long, value_name = "MODEL.toml")]
+    pub model: Option<PathBuf>,
     /// Changes one value, such as robot.bus0.backend=socketcan:can0. May be given often
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
@@ -22,7 +26,11 @@ impl ConfigArgs {
     /// # Errors
     /// Everything that is wrong, at once.
     pub fn load(&self) -> Result<Resolved, Errors> {
-        let resolved = config::load(self.path.as_deref(), &self.overrides)?;
+        let resolved = config::load_choice(Choice {
+            path: self.path.as_deref(),
+            model: self.model.as_deref(),
+            overrides: &self.overrides,
+        })?;
         for warning in &resolved.warnings {
             // Nobody to tell when stderr is gone.
             drop(writeln!(io::stderr(), "warning: {warning}"));

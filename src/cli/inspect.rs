@@ -1,19 +1,23 @@
 //! `compass inspect`: what is in a recording. RT: no.
 
 use super::{Outcome, Run};
+use crate::base::spectrum::band_rms;
 use crate::base::time::Stamp;
+use crate::identify::experiment::mcap::Own;
 use crate::msg::{Fault, RecorderState};
 use crate::record::inspect::{Event, Inspection, inspect};
 use crate::record::scan::Ending;
 use crate::record::stream::Stream;
+use std::f64::consts::PI;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Shows what is in a recording: streams, rates, gaps, drops, faults, configuration.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   compass inspect compass-2026-11-20T23-41-24Z.mcap
+  compass inspect REC --band 8,13              how much the hip shakes between 8 and 13 Hz while armed
   compass inspect REC --config > robot.toml    the recorded configuration, usable as --config
 
 Exit codes: 0 whole and without faults, 1 torn, drops, gaps or faults, 3 not readable.")]
@@ -24,6 +28,9 @@ pub(crate) struct Args {
     /// Prints the configuration it was made with, nothing else
     #[arg(long)]
     config: bool,
+    /// Prints how strong the hip's signals are between two frequencies in Hz while armed, nothing else
+    #[arg(long, value_name = "LOW,HIGH", value_parser = parse_band)]
+    band: Option<Band>,
     /// Most events to show
     #[arg(long, value_name = "N", default_value_t = 30)]
     events: usize,
@@ -31,6 +38,10 @@ pub(crate) struct Args {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        if let Some(band) = self.band {
+            write_band(&mut io::stdout().lock(), &self.recording, band)?;
+            return Ok(Outcome::Fine);
+        }
         let found = inspect(&self.recording)?;
         let mut out = io::stdout().lock();
         if self.config {
@@ -44,6 +55,36 @@ impl Run for Args {
         write_events(&mut out, &found, self.events)?;
         Ok(if found.has_findings() { Outcome::Finding } else { Outcome::Fine })
     }
+}
+
+/// A range of frequencies, Hz.
+#[derive(Clone, Copy, Debug)]
+struct Band {
+    low_hz: f64,
+    high_hz: f64,
+}
+
+fn parse_band(text: &str) -> Result<Band, String> {
+    let parts = text.split_once(',').and_then(|(low, high)| Some((low.parse().ok()?, high.parse().ok()?)));
+    match parts {
+        Some((low_hz, high_hz)) if 0.0 < low_hz && low_hz < high_hz => Ok(Band { low_hz, high_hz }),
+        _ => Err("two frequencies in Hz, such as 8,13".into()),
+    }
+}
+
+/// Signals of the longest armed stretch: column, factor to the unit shown, the unit.
+const SHAKING: [(&str, f64, &str); 2] = [("hip_torque_nm", 1.0, "Nm"), ("hip_angle_rad", 180.0 / PI, "deg")];
+
+fn write_band(out: &mut impl Write, recording: &Path, band: Band) -> anyhow::Result<()> {
+    let own = Own::read(recording)?;
+    let column = |name: &str| own.table.column(name, None).map_err(|lines| anyhow::anyhow!(lines.join("\n")));
+    let times = column("t_s")?;
+    let Band { low_hz, high_hz } = band;
+    for (name, factor, unit) in SHAKING {
+        let rms = factor * band_rms(&times, &column(name)?, low_hz, high_hz);
+        writeln!(out, "{name:16} rms between {low_hz} and {high_hz} Hz: {rms:.4} {unit}")?;
+    }
+    Ok(())
 }
 
 fn write_about(out: &mut impl Write, found: &Inspection) -> io::Result<()> {

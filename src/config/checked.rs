@@ -356,6 +356,8 @@ pub struct Simulation {
     pub stance: crate::msg::Leg,
     /// The world. True: stands on blocks, the swing toe meets no ground (thesis 4.5). False: on the ground.
     pub on_blocks: bool,
+    /// The real machine, where it is not what the controller's model (`robot.model`) says.
+    pub body: Option<Model>,
     /// Compliance of the real hip.
     pub hip_elasticity: Option<HipElasticity>,
     /// Real friction as multiples of the model's: viscous, Coulomb.

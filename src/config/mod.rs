@@ -6,6 +6,7 @@
 //! A section is taken whole: no key of it is ever filled in from the default, so no physical quantity comes from
 //! nowhere. Single keys are changed openly, by `[set]` in the file (`robot.bus0.backend = "socketcan:can0"`) or by
 //! `--set` on the command line, which goes last.
+//! [`Choice::model`] puts the model of a diagnosis in the place of `robot.model`.
 //! RT: before arming only.
 
 pub mod checked;
@@ -15,12 +16,14 @@ mod problem;
 mod process;
 mod raw;
 mod reader;
+mod rig_model;
 mod robot;
 mod simulation;
 
 use checked::Config;
 use raw::{Node, Origin, Raw};
 use reader::Log;
+use rig_model::RigModel;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -57,11 +60,36 @@ pub struct Resolved {
 /// # Errors
 /// Everything that is wrong, at once.
 pub fn load(path: Option<&Path>, overrides: &[String]) -> Result<Resolved, Errors> {
+    load_choice(Choice { path, overrides, model: None })
+}
+
+/// What a person chose on the command line.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Choice<'a> {
+    /// See the head of this module; `None` = embedded defaults.
+    pub path: Option<&'a Path>,
+    /// A model file whose physics observer and controller shall know; see `rig_model`.
+    pub model: Option<&'a Path>,
+    /// Single values, `key=value`; go last.
+    pub overrides: &'a [String],
+}
+
+/// [`load`] with the model of a diagnosis.
+///
+/// # Errors
+/// Everything that is wrong, at once.
+pub fn load_choice(choice: Choice<'_>) -> Result<Resolved, Errors> {
     let mut typed = Typed::default();
-    if let Some(path) = path {
+    if let Some(path) = choice.path {
         typed.add_path(path);
     }
-    for text in overrides {
+    if let Some(path) = choice.model {
+        match RigModel::read(path) {
+            Ok(model) => typed.model = Some(model),
+            Err(problems) => typed.problems.extend(problems),
+        }
+    }
+    for text in choice.overrides {
         typed.add_override(text);
     }
     typed.resolve()
@@ -84,6 +112,7 @@ pub fn from_canonical(text: &str, overrides: &[String]) -> Result<Resolved, Erro
 #[derive(Default)]
 struct Typed {
     sections: BTreeMap<&'static str, Node>,
+    model: Option<RigModel>,
     overrides: Vec<(String, Node)>,
     problems: Vec<Problem>,
 }
@@ -163,6 +192,7 @@ impl Typed {
 
     fn resolve(mut self) -> Result<Resolved, Errors> {
         let sources = self.fill_in_defaults();
+        let notes = self.apply_model();
         self.apply_overrides();
         if !self.problems.is_empty() {
             return Err(Errors(self.problems));
@@ -178,7 +208,8 @@ impl Typed {
         if log.is_clean() {
             consistency::check(&config, &log);
         }
-        let (text, warnings) = log.finish()?;
+        let (text, mut warnings) = log.finish()?;
+        warnings.extend(notes);
         Ok(Resolved { config, hash: sha256(&text), text, warnings, sources })
     }
 
@@ -200,6 +231,27 @@ impl Typed {
             sources.push((section, source));
         }
         sources
+    }
+
+    /// Puts the model of `--model` in the place of `robot.model`; the simulated robot keeps the old one. What was not
+    /// taken over.
+    fn apply_model(&mut self) -> Vec<Problem> {
+        let Some(model) = self.model.take() else { return Vec::new() };
+        let old = self.sections.get("robot").and_then(|r| r.table()?.get("model")).cloned();
+        if let (Some(mut body), Some(sim)) = (old, self.sections.get_mut("sim")) {
+            // The compliance of the real hip has its own place: sim.hip_elasticity.
+            body.remove("hip_elasticity");
+            if sim.table().is_some_and(|keys| !keys.contains_key("body")) {
+                sim.put(&["body"], body);
+            }
+        }
+        if let Some(robot) = self.sections.get_mut("robot") {
+            for (key, node) in model.values {
+                let path: Vec<&str> = std::iter::once("model").chain(key).collect();
+                robot.put(&path, node);
+            }
+        }
+        model.notes
     }
 
     fn apply_overrides(&mut self) {

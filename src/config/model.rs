@@ -1,7 +1,15 @@
 //! From the configuration to the equations' parameters. RT: before arming only.
 
-use super::checked::{HipElasticity, Model};
+use super::checked::{Config, HipElasticity, Model};
 use crate::model::compass_gait::params::{Elasticity, Params};
+
+impl Config {
+    /// The simulated robot's own body: `sim.body`, or the controller's model if that is all there is.
+    #[must_use]
+    pub fn body(&self) -> &Model {
+        self.simulation.body.as_ref().unwrap_or(&self.robot.model)
+    }
+}
 
 impl Model {
     /// Parameters of the equations, inner leg standing.

@@ -68,6 +68,13 @@ impl Node {
         }
     }
 
+    /// Takes a key out, if it is a table that has it.
+    pub(super) fn remove(&mut self, key: &str) {
+        if let Raw::Table(map) = &mut self.value {
+            map.remove(key);
+        }
+    }
+
     /// Puts `leaf` at a path such as `["hip", "gear_ratio"]`, making tables on the way.
     pub(super) fn put(&mut self, path: &[&str], leaf: Self) {
         let Some((first, rest)) = path.split_first() else {

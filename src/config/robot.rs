@@ -23,7 +23,7 @@ pub(super) fn robot(r: &Reader<'_>) -> Robot {
     }
 }
 
-fn model(r: &Reader<'_>) -> Model {
+pub(super) fn model(r: &Reader<'_>) -> Model {
     let leg_length_m = r.parameter("leg_length", range(0.05, 5.0, "m"), &[("m", 1.0)]);
     let total_mass_kg = r.parameter("total_mass", range(0.1, 500.0, "kg"), &[("kg", 1.0)]);
     // m_t l^2 turns the normalised friction of Thesis table 4.1 into SI.

@@ -1,9 +1,9 @@
 //! Reads `sim`: the simulated robot and its imperfections. RT: before arming only.
 
-use super::checked::{ImuErrors, Simulation};
+use super::checked::{ImuErrors, Model, Simulation};
 use super::process::LEGS;
 use super::reader::{Reader, range};
-use super::robot::elasticity;
+use super::robot::{elasticity, model};
 use crate::base::time::Span;
 use crate::msg::Leg;
 use std::f64::consts::PI;
@@ -18,6 +18,7 @@ pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
         release_after: Span::from_s(r.number("release_after_s", second)),
         stance: r.choice("stance", LEGS, Leg::Inner),
         on_blocks: r.flag("on_blocks"),
+        body: r.optional_table("body", body),
         hip_elasticity: r.optional_table("hip_elasticity", elasticity),
         friction_scale: r.numbers("friction_scale", range(0.0, 100.0, "1")),
         actuator_lag_s: r.number("actuator_lag_s", range(0.0, 1.0, "s")),
@@ -33,6 +34,15 @@ pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
         operator_press_s: r.number("operator_press_s", second),
         operator_release_s: r.optional_number("operator_release_s", second),
     }
+}
+
+/// The real machine; its compliance stands in `sim.hip_elasticity` alone.
+fn body(r: &Reader<'_>) -> Model {
+    let body = model(r);
+    if body.hip_elasticity.is_some() {
+        r.refuse("hip_elasticity", "belongs into sim.hip_elasticity");
+    }
+    body
 }
 
 fn imu_errors(r: &Reader<'_>) -> ImuErrors {

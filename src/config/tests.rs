@@ -141,3 +141,84 @@ fn four_toes_on_one_classic_bus_at_every_sync_do_not_fit() {
 fn two_drives_with_one_node_are_refused() {
     assert!(errors(&["robot.drives.inner_toe_a.node=1"])[0].contains("both node 1 on bus 0"));
 }
+
+/// A model as a diagnosis writes it: c2, friction and a spring found; a lag of no use to the controller.
+const MODEL: &str = r#"
+schema = 1
+name = "found"
+mechanism = "compass_gait"
+[parameters]
+leg_length_m = { value = 1.045 }
+total_mass_kg = { value = 15.2 }
+gravity_m_s2 = { value = 9.81 }
+c1 = { value = 0.1007 }
+c2 = { value = 0.1500, min = 0.1, max = 0.2 }
+c3 = { value = 0.000596 }
+c4 = { value = 0.1151 }
+c5 = { value = 0.1264 }
+c6 = { value = 0.0026 }
+[[actuator]]
+joint = "hip"
+column = "hip_torque_nm"
+gain = { value = 1.0 }
+[[effect]]
+effect = "coulomb_friction"
+at = "hip"
+coulomb = { value = 2.5, min = 1.0, max = 4.0 }
+[[effect]]
+effect = "joint_elasticity"
+at = "hip"
+stiffness = { value = 400.0 }
+damping = { value = 0.2 }
+rotor_inertia = { value = 0.1 }
+[[effect]]
+effect = "actuator_lag"
+at = "hip_torque_nm"
+time_constant = { value = 0.01 }
+"#;
+
+fn with_model(text: &str, overrides: &[&str]) -> Result<Resolved, Errors> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.toml");
+    std::fs::write(&path, text).unwrap();
+    let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
+    load_choice(Choice { model: Some(&path), overrides: &overrides, path: None })
+}
+
+#[test]
+fn a_model_of_a_diagnosis_goes_to_the_controller_and_leaves_the_robot_alone() {
+    let resolved = with_model(MODEL, &["robot.model.c5.value=0.13"]).unwrap();
+    let (model, before) = (resolved.config.robot.model.params(), load(None, &[]).unwrap().config);
+    assert_eq!((model.c[1], model.c[4], model.coulomb_nm), (0.15, 0.13, 2.5));
+    assert_eq!(resolved.config.robot.model.hip_elasticity.map(|e| e.stiffness_nm_rad), Some(400.0));
+    assert_eq!(resolved.config.body().params(), before.robot.model.params());
+    assert_eq!(resolved.config.simulation.hip_elasticity, before.simulation.hip_elasticity);
+    let note = &resolved.warnings[0].to_string();
+    assert!(note.contains("actuator_lag at hip_torque_nm is not used"), "{note}");
+    let again = from_canonical(&resolved.text, &[]).unwrap();
+    assert_eq!((again.config.body().params(), again.hash), (resolved.config.body().params(), resolved.hash));
+}
+
+#[test]
+fn a_body_that_is_given_stays_when_a_model_comes() {
+    let body = load(None, &[]).unwrap();
+    let keys: Vec<String> = body
+        .text
+        .lines()
+        .filter_map(|l| l.strip_prefix("robot.model."))
+        .map(|l| format!("sim.body.{}", l.replace(" = ", "=")))
+        .chain(["sim.body.c1.value=0.11".to_owned()])
+        .collect();
+    let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
+    let resolved = with_model(MODEL, &keys).unwrap();
+    assert_eq!(resolved.config.body().params().c[0].to_bits(), 0.11_f64.to_bits());
+    assert_eq!(resolved.config.robot.model.params().c[0].to_bits(), 0.1007_f64.to_bits());
+}
+
+#[test]
+fn a_model_of_another_machine_is_refused() {
+    let pendulum = "schema = 1\nname = \"p\"\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = { value = 1.0 }\n\
+                    gravity_nm = { value = 0.0 }\n";
+    assert!(with_model(pendulum, &[]).unwrap_err().to_string().contains("the robot is a compass_gait"));
+    assert!(with_model("schema = 1\n", &[]).unwrap_err().to_string().contains("is no model file"));
+}

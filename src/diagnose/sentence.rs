@@ -67,7 +67,11 @@ pub fn describe(member: &Member) -> String {
         "torque_ripple" => {
             format!("a torque at {at} that repeats with the angle ({}, order {})", n("amplitude"), n("order"))
         }
-        "joint_elasticity" => elasticity(member),
+        "joint_elasticity" => format!(
+            "elasticity between motor and link at {at} (stiffness {}, rotor inertia {})",
+            n("stiffness"),
+            n("rotor_inertia")
+        ),
         "backlash" => {
             format!("play of {} between motor and link at {at} (rotor side inertia {})", n("gap"), n("rotor_inertia"))
         }
@@ -102,17 +106,10 @@ pub fn describe(member: &Member) -> String {
     }
 }
 
-/// Joint elasticity with its resonance: what an engineer looks for in a spectrum.
-fn elasticity(member: &Member) -> String {
-    let at = &member.at;
-    let value = |key: &str| member.parameters.get(key).map_or(f64::NAN, |e| e.value);
-    let hz = libm::sqrt(value("stiffness") / value("rotor_inertia")) / (2.0 * std::f64::consts::PI);
-    format!(
-        "motor and link at {at} are joined by a spring of {} (with the link held, the rotor of {} rings at {} Hz)",
-        number(&member.parameters, "stiffness"),
-        number(&member.parameters, "rotor_inertia"),
-        three(hz)
-    )
+/// At which frequency a spring makes the machine ring.
+#[must_use]
+pub fn resonance(hz: f64) -> String {
+    format!(" With it the machine rings at {hz:.1} Hz.")
 }
 
 /// One or two sentences for an entry: its best member, and what else it may be.

@@ -8,7 +8,8 @@ use crate::diagnose::likelihood::Difference;
 use crate::diagnose::sentence;
 use crate::diagnose::tables::estimates;
 use crate::diagnose::verdict::{Estimate, Member, Missing, Rejected};
-use crate::model::rig::{Scope, Slot};
+use crate::model::resonance::resonance_hz;
+use crate::model::rig::{Rig, Scope, Slot};
 use std::collections::BTreeMap;
 
 /// Candidates that are behind by less than this many standard deviations of the difference (Vuong's test on blocks)
@@ -40,10 +41,15 @@ pub fn answered(explained: &Hypothesis, added: &[Added], context: &Context) -> V
             m.weight /= total;
         }
         members.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-        let sentence = sentence::entry(&members, a.removed);
+        let sentence = sentence::entry(&members, a.removed) + &ringing(&explained.rig, first + i);
         Missing { one_of: members, sentence }
     };
     added.iter().enumerate().map(entry).collect()
+}
+
+/// At which frequency the machine rings, if effect number `e` makes it ring.
+fn ringing(rig: &Rig, e: usize) -> String {
+    resonance_hz(rig, &rig.effects[e]).map_or_else(String::new, sentence::resonance)
 }
 
 /// Number `e` of the rig's effects as a member of full weight.

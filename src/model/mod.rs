@@ -28,5 +28,6 @@ pub mod effect;
 pub mod energy;
 pub mod machine;
 pub mod mechanism;
+pub mod resonance;
 pub mod rig;
 pub mod setting;

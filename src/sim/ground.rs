@@ -41,7 +41,7 @@ impl GroundWorld {
     /// # Errors
     /// [`MachineError`] when the configuration asks for something that is not modelled.
     pub fn new(config: &Config) -> Result<Self, MachineError> {
-        let (sim, params) = (&config.simulation, config.robot.model.params());
+        let (sim, params) = (&config.simulation, config.body().params());
         let mut machine = Machine::new(&setting(config), &|n| n.value, 1)?;
         if sim.lift_off {
             machine.let_lift_off();
@@ -93,7 +93,7 @@ const fn number(value: f64) -> Number {
 
 /// The machine of a configuration: one hip motor that is its torque, no sensors.
 fn setting(config: &Config) -> Setting {
-    let (p, sim) = (config.robot.model.params(), &config.simulation);
+    let (p, sim) = (config.body().params(), &config.simulation);
     let scale = [p.leg_length_m, p.total_mass_kg, p.gravity_m_s2];
     let setup = match (sim.on_blocks, sim.stance) {
         (false, _) => Setup::Walk,
@@ -112,7 +112,7 @@ fn setting(config: &Config) -> Setting {
 
 /// Each imperfection that is switched on.
 fn effects(config: &Config) -> Vec<EffectSetting> {
-    let (p, sim) = (config.robot.model.params(), &config.simulation);
+    let (p, sim) = (config.body().params(), &config.simulation);
     let hip = Site::Joint(HIP);
     let effect = |kind, site, numbers: &[f64]| EffectSetting {
         kind,

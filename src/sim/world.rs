@@ -178,7 +178,7 @@ impl BlocksWorld {
 /// The model's parameters, leg 1 the one that stands, with the real friction.
 fn real_params(config: &Config) -> Params<f64> {
     let sim = &config.simulation;
-    let inner = config.robot.model.params();
+    let inner = config.body().params();
     let params = if sim.stance == Leg::Inner { inner } else { inner.swapped() };
     Params {
         viscous_nm_s_rad: params.viscous_nm_s_rad * sim.friction_scale[0],
