@@ -1,6 +1,6 @@
 //! L0: what every other layer stands on. Knows no robot and does no I/O.
 //!
-//! RT: all of it, but `riccati` (before arming only).
+//! RT: all of it, but `riccati` (before arming only) and `spectrum` (no).
 
 pub mod linalg;
 pub mod ode;
