@@ -2,7 +2,7 @@ use super::*;
 use crate::bus::loopback::{Loopback, pair};
 use crate::config;
 use crate::config::checked::Trigger;
-use crate::msg::{BusFrame, CanFrame, TickInput};
+use crate::msg::{BusFrame, CanFrame, TickInput, TickRecord};
 use crate::rt::clock;
 use crate::rt::io::ByteLine;
 use crate::sensor::imu::ImuReader;
