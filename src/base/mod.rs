@@ -2,6 +2,7 @@
 //!
 //! RT: all of it, but `riccati` (before arming only) and `spectrum` (no).
 
+pub mod bytes;
 pub mod linalg;
 pub mod ode;
 pub mod riccati;
