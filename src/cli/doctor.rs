@@ -6,18 +6,22 @@ use super::config_args::ConfigArgs;
 use super::{Outcome, Run};
 use serde::Serialize;
 use std::io::{self, Write};
+use std::path::PathBuf;
 
 /// Checks kernel, limits, CPU, memory, buses and disk; each line good, warn or bad, with the remedy.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   compass doctor
-  compass doctor --config /etc/compass --json
+  compass doctor --config /etc/compass --record /var/lib/compass --json
 
 Exit codes: 0 nothing bad, 1 something is bad.")]
 pub(crate) struct Args {
     #[command(flatten)]
     config: ConfigArgs,
+    /// Where recordings shall go: has that disk room?
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    record: PathBuf,
     /// One JSON array instead of lines
     #[arg(long)]
     json: bool,
@@ -53,7 +57,7 @@ impl Finding {
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
         let config = self.config.load()?.config;
-        let findings = checks::all(&config);
+        let findings = checks::all(&config, &self.record);
         let mut out = io::stdout().lock();
         if self.json {
             writeln!(out, "{}", serde_json::to_string_pretty(&findings)?)?;

@@ -43,44 +43,44 @@ struct Cli {
     command: Command,
 }
 
-/// The subcommands.
+/// The subcommands, as `--help` lists them: the robot, what one does around it, then models and diagnosis.
 #[derive(Subcommand)]
 enum Command {
-    Diagnose(diagnose::Args),
-    Identify(identify::Args),
-    Doctor(doctor::Args),
-    Operator(operator::Args),
     Run(Box<run::Args>),
-    Predict(predict::Args),
-    Simulate(simulate::Args),
-    Score(score::Args),
-    Trial(trial::Args),
+    Plant(plant::Args),
+    Operator(operator::Args),
+    Sim(sim::Args),
+    Replay(replay::Args),
+    Inspect(inspect::Args),
+    Doctor(doctor::Args),
     Bench(bench::Args),
     CheckConfig(check_config::Args),
-    Inspect(inspect::Args),
-    Replay(replay::Args),
-    Sim(sim::Args),
-    Plant(plant::Args),
+    Predict(predict::Args),
+    Simulate(simulate::Args),
+    Identify(identify::Args),
+    Diagnose(diagnose::Args),
+    Trial(trial::Args),
+    Score(score::Args),
 }
 
 impl Run for Command {
     fn run(self) -> anyhow::Result<Outcome> {
         match self {
-            Self::Diagnose(args) => args.run(),
-            Self::Identify(args) => args.run(),
-            Self::Doctor(args) => args.run(),
-            Self::Operator(args) => args.run(),
             Self::Run(args) => args.run(),
-            Self::Predict(args) => args.run(),
-            Self::Simulate(args) => args.run(),
-            Self::Score(args) => args.run(),
-            Self::Trial(args) => args.run(),
+            Self::Plant(args) => args.run(),
+            Self::Operator(args) => args.run(),
+            Self::Sim(args) => args.run(),
+            Self::Replay(args) => args.run(),
+            Self::Inspect(args) => args.run(),
+            Self::Doctor(args) => args.run(),
             Self::Bench(args) => args.run(),
             Self::CheckConfig(args) => args.run(),
-            Self::Inspect(args) => args.run(),
-            Self::Replay(args) => args.run(),
-            Self::Sim(args) => args.run(),
-            Self::Plant(args) => args.run(),
+            Self::Predict(args) => args.run(),
+            Self::Simulate(args) => args.run(),
+            Self::Identify(args) => args.run(),
+            Self::Diagnose(args) => args.run(),
+            Self::Trial(args) => args.run(),
+            Self::Score(args) => args.run(),
         }
     }
 }

@@ -1,7 +1,12 @@
 //! Where recordings go: files in a folder, or something a test made up. RT: no.
 
+#![expect(unsafe_code, reason = "statvfs")]
+
+use std::ffi::CString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::mem::MaybeUninit;
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -39,6 +44,22 @@ pub trait Shelf: Send {
     fn open(&mut self, part: u32) -> io::Result<(PathBuf, Box<dyn Storage>)>;
     /// Removes a file that holds nothing of use.
     fn discard(&mut self, path: &Path);
+}
+
+/// Bytes that an ordinary process may still write to the disk of this folder.
+///
+/// # Errors
+/// When there is no such folder.
+pub fn free_bytes(folder: &Path) -> io::Result<u64> {
+    let path = CString::new(folder.as_os_str().as_bytes())?;
+    let mut stat = MaybeUninit::<libc::statvfs>::zeroed();
+    // SAFETY: `path` ends with a NUL, `stat` has room for the one structure that is written.
+    if unsafe { libc::statvfs(path.as_ptr(), stat.as_mut_ptr()) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    // SAFETY: all-zero bytes are a valid statvfs, and the call has filled it in.
+    let stat = unsafe { stat.assume_init() };
+    Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
 }
 
 /// A folder. Files are called `compass-2026-11-20T23-41-24Z.mcap`; after trouble with the disk `...Z-2.mcap` and so on.

@@ -3,6 +3,7 @@
 use super::{Finding, Verdict};
 use crate::bus::socketcan::link_report;
 use crate::config::checked::{BusBackend, Config, SerialBackend, Thread};
+use crate::record::storage;
 use crate::rt::thread::{self, Awake, Missing};
 use std::fs;
 use std::path::Path;
@@ -14,11 +15,16 @@ const LONGEST_CAN_QUEUE: u32 = 32;
 /// Steal beyond this share of the time since boot is worth a warning.
 const STEAL_SHARE: f64 = 0.01;
 
+/// Bytes that a recording of the default configuration grows by in an hour: 2.0 MB/s, measured with `compass sim`.
+const RECORDED_PER_HOUR: u64 = 7_300_000_000;
+/// With fewer cores than this, giving the control thread one of its own leaves too little for the rest.
+const CORES_TO_PIN: usize = 3;
+
 /// Every check, in the order of importance.
-pub(super) fn all(config: &Config) -> Vec<Finding> {
+pub(super) fn all(config: &Config, record: &Path) -> Vec<Finding> {
     let mut findings = vec![kernel(), fifo(config), cores(config), memlock(), throttling(), cpu_dma_latency()];
     findings.extend([governor(), command_line(), clocksource(), swap(), huge_pages(), shared_memory(), steal()]);
-    findings.push(irq_affinity(config));
+    findings.extend([irq_affinity(config), disk(record)]);
     for (index, bus) in config.robot.buses.iter().enumerate() {
         if let BusBackend::SocketCan(name) = &bus.backend {
             findings.extend(can_link(index, name, bus.bitrate));
@@ -169,8 +175,7 @@ fn steal_share(line: &str) -> f64 {
 
 fn irq_affinity(config: &Config) -> Finding {
     let Some(core) = config.real_time.control.core else {
-        let remedy = "give the control thread a core: rt.threads.control.core";
-        return Finding::new(Verdict::Warn, "interrupts", "the control thread is not pinned", remedy);
+        return unpinned(core_affinity::get_core_ids().map_or(1, |cores| cores.len()));
     };
     let text = read("/proc/irq/default_smp_affinity").unwrap_or_default().replace(',', "");
     let away = u128::from_str_radix(&text, 16).is_ok_and(|mask| mask & (1 << core.min(127)) == 0);
@@ -181,6 +186,42 @@ fn irq_affinity(config: &Config) -> Finding {
         found,
         "irqaffinity= without that core on the command line",
     )
+}
+
+/// No core for the control thread: right where there is none to spare.
+fn unpinned(cores: usize) -> Finding {
+    let last = cores.saturating_sub(1);
+    let remedy = format!(
+        "set rt.threads.control.core = {last} in rt.toml, and keep interrupts and others off it: \
+         isolcpus=managed_irq,domain,{last} irqaffinity=0 on the kernel's command line"
+    );
+    let found = format!("control on any of {cores} cores{}", if cores < CORES_TO_PIN { ", none to spare" } else { "" });
+    Finding::new(good_if(cores < CORES_TO_PIN, Verdict::Warn), "interrupts", found, &remedy)
+}
+
+/// Room for recordings in a folder, or where it would be made.
+fn disk(folder: &Path) -> Finding {
+    let there = folder.ancestors().find(|path| path.is_dir()).unwrap_or(Path::new("."));
+    let what = "disk for recordings";
+    match storage::free_bytes(there) {
+        Ok(free) => disk_verdict(what, free, folder),
+        Err(error) => {
+            let found = format!("{}: {error}", folder.display());
+            Finding::new(Verdict::Bad, what, found, "make the folder, or name another by --record DIR")
+        }
+    }
+}
+
+#[expect(clippy::cast_precision_loss, reason = "told with one digit")]
+fn disk_verdict(what: &str, free: u64, folder: &Path) -> Finding {
+    let hours = free as f64 / RECORDED_PER_HOUR as f64;
+    let verdict = match free {
+        _ if free < RECORDED_PER_HOUR / 10 => Verdict::Bad,
+        _ if free < RECORDED_PER_HOUR => Verdict::Warn,
+        _ => Verdict::Good,
+    };
+    let found = format!("{:.1} GB free at {}, {hours:.1} h of recording", free as f64 * 1e-9, folder.display());
+    Finding::new(verdict, what, found, "delete old recordings, or record to another disk: --record DIR")
 }
 
 fn can_link(index: usize, name: &str, bitrate: u32) -> Vec<Finding> {
@@ -235,11 +276,28 @@ mod tests {
     }
 
     #[test]
+    fn disk_with_room_for_an_hour_is_good_for_six_minutes_bad() {
+        let verdict = |free| disk_verdict("disk", free, Path::new(".")).verdict;
+        assert_eq!(
+            [700_000_000, 3_000_000_000, 8_000_000_000].map(verdict),
+            [Verdict::Bad, Verdict::Warn, Verdict::Good]
+        );
+        assert!(storage::free_bytes(Path::new(".")).is_ok_and(|free| free > 0));
+        assert!(storage::free_bytes(Path::new("no/such/folder")).is_err());
+    }
+
+    #[test]
+    fn a_control_thread_without_a_core_is_right_where_none_is_to_spare() {
+        assert_eq!(unpinned(2).verdict, Verdict::Good);
+        assert!(unpinned(4).remedy.contains("core = 3"));
+    }
+
+    #[test]
     fn whatever_is_not_good_has_a_remedy() {
         let mut config = config::load(None, &[]).unwrap().config;
         config.robot.buses[0].backend = BusBackend::SocketCan("nosuchcan".into());
         config.robot.imu.backend = SerialBackend::Device("/dev/nosuchtty".into());
-        let findings = all(&config);
+        let findings = all(&config, Path::new("no/such/folder"));
         assert!(findings.iter().all(|f| (f.verdict == Verdict::Good) == f.remedy.is_empty()), "{findings:#?}");
         assert_eq!(findings.iter().filter(|f| f.found.starts_with("no such")).count(), 2);
     }
