@@ -9,6 +9,7 @@ use anyhow::Context;
 
 use super::config_args::ConfigArgs;
 use super::{Outcome, Run, progress};
+use crate::config::Resolved;
 use crate::config::checked::Config;
 use crate::latency::cyclictest::CyclictestError;
 use crate::latency::lcm_chain::LcmChain;
@@ -16,10 +17,12 @@ use crate::latency::our_chain::{Input, OurChain, Step};
 use crate::latency::page::{self, Chapter};
 use crate::latency::wakeup::Wakeup;
 use crate::latency::window::{CpuTime, PERCENTILES, Paired};
-use crate::latency::{hop, step_cost};
+use crate::latency::{hop, logging, step_cost};
 use crate::report::table::{Align, Table};
+use crate::rt::memory;
+use crate::rt::thread::Awake;
 
-/// Measures latency beside cyclictest, LCM and raw iceoryx2, in interleaved windows of one run.
+/// Measures latency and recording beside cyclictest, LCM, raw iceoryx2 and mcap, in interleaved windows of one run.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -52,6 +55,9 @@ pub(crate) struct Args {
     config: ConfigArgs,
 }
 
+/// Ticks in a window of recording: more than the recorder's queue holds.
+const TICKS_LOGGED: usize = 8000;
+
 /// One comparison, and what is aimed at.
 struct Row {
     title: &'static str,
@@ -63,14 +69,18 @@ struct Row {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
-        let config = self.config.load()?.config;
+        let resolved = self.config.load()?;
+        let config = &resolved.config;
+        // As the robot runs, and as cyclictest does for itself.
+        let held = (Awake::hold(), memory::lock());
         let before = CpuTime::now();
         let mut rows = Vec::new();
         let mut left_out = Vec::new();
-        self.wakeups(&config, &mut rows, &mut left_out)?;
-        self.chains(&config, &mut rows, &mut left_out)?;
+        self.wakeups(config, &mut rows, &mut left_out)?;
+        self.chains(config, &mut rows, &mut left_out)?;
         self.hops(&mut rows)?;
-        let costs = step_cost::all(&config, 20_000).context("cost of a tick")?;
+        self.logging(&resolved, &mut rows)?;
+        let costs = step_cost::all(config, 20_000).context("cost of a tick")?;
         let stolen = CpuTime::now().stolen_share_since(before);
         let (table, costs) = (ratio_table(&rows), costs.table());
         let notes = notes(stolen, &left_out);
@@ -83,6 +93,7 @@ impl Run for Args {
             fs::write(path, page::html("Compass latency", &tables, &chapters))
                 .with_context(|| path.display().to_string())?;
         }
+        drop(held);
         Ok(Outcome::Fine)
     }
 }
@@ -104,12 +115,12 @@ impl Args {
             wakeup.compare(self.windows, step_cost::idle_step(config)?, |done| bar.set_position(done as u64));
         bar.finish_and_clear();
         match measured {
-            Ok(pair) => rows.push(Row {
-                title: "wake-up of the control thread",
-                rival: "cyclictest",
-                goals: [Some(1.05), Some(1.05), Some(1.10), Some(1.25)],
-                pair,
-            }),
+            Ok(pairs) => {
+                let goals = [Some(1.05), Some(1.05), Some(1.10), Some(1.25)];
+                let rival = "cyclictest";
+                rows.push(Row { title: "wake-up of the control thread", rival, goals, pair: pairs.working });
+                rows.push(Row { title: "the same without a tick to do", rival, goals, pair: pairs.resting });
+            }
             Err(error @ CyclictestError::Run(_)) => left_out.push(error.to_string()),
             Err(error) => return Err(error.into()),
         }
@@ -166,6 +177,17 @@ impl Args {
         rows.push(Row { title: "channel hop, a whole tick", rival: "raw iceoryx2", goals, pair: tick });
         Ok(())
     }
+
+    /// Sustained: at least 0.8 of the bare crate's rate, so at most 1.25 of its time.
+    fn logging(&self, resolved: &Resolved, rows: &mut Vec<Row>) -> anyhow::Result<()> {
+        let folder = std::env::temp_dir().join(format!("compass-bench-log-{}", std::process::id()));
+        fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        let pair = logging::compare(resolved, &folder, self.windows, TICKS_LOGGED).context("recording");
+        fs::remove_dir_all(&folder)?;
+        let goals = [Some(1.25), None, None, None];
+        rows.push(Row { title: "recording, per tick", rival: "bare mcap crate", goals, pair: pair? });
+        Ok(())
+    }
 }
 
 /// Removes the sockets of a chain that ended.
@@ -188,7 +210,9 @@ fn ratio_table(rows: &[Row]) -> Table {
         ("", Align::Left),
     ]);
     for row in rows {
-        for (percent, goal) in PERCENTILES.into_iter().zip(row.goals) {
+        // One sample a window has no percentiles.
+        let told = if row.pair.ours.iter().all(|w| w.len() == 1) { 1 } else { PERCENTILES.len() };
+        for (percent, goal) in PERCENTILES.into_iter().zip(row.goals).take(told) {
             let ratio = row.pair.ratio(percent);
             table.push([
                 row.title.to_owned(),

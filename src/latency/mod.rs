@@ -3,6 +3,7 @@
 //!
 //! - [`our_chain`]: our path from sensor frame to command frame.
 //! - [`wakeup`]: our control thread against cyclictest.
+//! - [`logging`]: the recorder against the bare `mcap` crate.
 //! - [`step_cost`]: what a tick costs.
 //! - [`page`]: the HTML page.
 //! - [`window`]: percentiles of a window, medians of per-window ratios, the machine's stolen time.
@@ -18,6 +19,7 @@ pub mod cyclictest;
 pub mod driver;
 pub mod hop;
 pub mod lcm_chain;
+pub mod logging;
 pub mod our_chain;
 pub mod page;
 pub mod step_cost;

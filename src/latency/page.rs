@@ -29,8 +29,8 @@ pub fn html(heading: &str, table_html: &str, chapters: &[Chapter]) -> String {
 }
 
 const PAGE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1000px;margin:2em auto;padding:0 1em;color:var(--ink);background:var(--paper)}\
-table{border-collapse:collapse}th,td{padding:.25em .8em;border-bottom:1px solid var(--faint);text-align:right}\
-th:first-child,td:first-child{text-align:left}small{color:var(--soft);font-weight:normal}svg{max-width:100%;height:auto}";
+table{border-collapse:collapse}th,td{padding:.25em .8em;border-bottom:1px solid var(--faint);text-align:left}\
+th.n,td.n{text-align:right}small{color:var(--soft);font-weight:normal}svg{max-width:100%;height:auto}";
 
 /// Share of samples above a latency, both axes logarithmic: the tail is what matters, and it shows here.
 fn histogram(chapter: &Chapter) -> String {

@@ -1,6 +1,8 @@
 //! Wake-up of our control thread against cyclictest: same priority, same core, same period, windows in turn.
 //!
-//! Our thread does a real tick after each wake-up; cyclictest does nothing but note the time. RT: the measured thread.
+//! cyclictest does nothing but note the time, so its thread finds its instructions and data in the cache again. Ours does
+//! a real tick after each wake-up, which displaces them: that is what the robot sees. To tell the two apart our sleeper
+//! is measured once with a tick and once without. RT: the measured thread.
 
 use std::thread;
 
@@ -11,6 +13,15 @@ use crate::config::checked::Thread;
 use crate::rt::clock::Monotonic;
 use crate::rt::cycle::Cycle;
 use crate::rt::thread as scheduling;
+
+/// Windows of both our sleepers beside the same windows of cyclictest.
+#[derive(Clone, Debug, Default)]
+pub struct Pairs {
+    /// With a tick after each wake-up.
+    pub working: Paired,
+    /// With nothing to do.
+    pub resting: Paired,
+}
 
 /// How to measure.
 #[derive(Clone, Copy, Debug)]
@@ -53,7 +64,7 @@ impl Wakeup {
         cyclictest::window(self.priority, self.core, self.period_us, self.loops)
     }
 
-    /// `windows` of each, in turn; `after_each` is told how many pairs are done.
+    /// `windows` of each, in turn; `after_each` is told how many rounds are done.
     ///
     /// # Errors
     /// If cyclictest is missing or fails.
@@ -62,13 +73,16 @@ impl Wakeup {
         windows: usize,
         mut work: impl FnMut() + Send,
         mut after_each: impl FnMut(usize),
-    ) -> Result<Paired, CyclictestError> {
-        let mut pair = Paired::default();
+    ) -> Result<Pairs, CyclictestError> {
+        let mut pairs = Pairs::default();
         for done in 0..windows {
-            pair.ours.push(self.ours(&mut work));
-            pair.theirs.push(self.theirs()?);
+            pairs.working.ours.push(self.ours(&mut work));
+            let theirs = self.theirs()?;
+            pairs.working.theirs.push(theirs.clone());
+            pairs.resting.theirs.push(theirs);
+            pairs.resting.ours.push(self.ours(|| {}));
             after_each(done + 1);
         }
-        Ok(pair)
+        Ok(pairs)
     }
 }
