@@ -14,6 +14,7 @@ pub(super) struct Joints {
     hip_offset_rad: f64,
     hip_nm_per_permille: f64,
     toe_m_per_count: f64,
+    spring_m_per_count: f64,
     imu_sign: f64,
     imu_offset_rad: f64,
 }
@@ -29,6 +30,7 @@ impl Joints {
             hip_offset_rad: hip.encoder_offset_rad,
             hip_nm_per_permille: 1e-3 * rated_nm * hip.gear_ratio * hip.gear_efficiency * hip.motor_sign,
             toe_m_per_count: 1.0 / robot.toe.counts_per_m,
+            spring_m_per_count: 1.0 / robot.toe.pot_counts_per_m,
             imu_sign: robot.imu.sign,
             imu_offset_rad: robot.imu.offset_rad,
         }
@@ -47,6 +49,11 @@ impl Joints {
     /// Toe length, m, 0 = retracted.
     pub(super) fn toe_position_m(&self, toe: &DriveFeedback) -> f64 {
         self.toe_m_per_count * f64::from(toe.position_counts)
+    }
+
+    /// Compression of the toe's spring, m.
+    pub(super) fn toe_spring_m(&self, toe: &DriveFeedback) -> f64 {
+        self.spring_m_per_count * f64::from(toe.analog_counts)
     }
 
     /// Inner leg from the vertical, rad. Only meaningful if the sample carries the device's attitude.

@@ -59,6 +59,7 @@ impl Accumulator {
             hip_torque_nm: self.joints.hip_torque_nm(hip),
             hip_age: age(now, hip.stamp),
             toe_position_m: toes(drives).map(|toe| self.joints.toe_position_m(toe)),
+            toe_spring_m: toes(drives).map(|toe| self.joints.toe_spring_m(toe)),
             toe_age: toes(drives).map(|toe| age(now, toe.stamp)).into_iter().max().unwrap_or(Span(i64::MAX)),
             operator_age: age(now, operator.stamp),
             dead_man: operator.dead_man,

@@ -3,9 +3,10 @@
 //! | frame | of a torque drive (hip) | bytes | of a position drive (toes) | bytes |
 //! |---|---|---|---|---|
 //! | RPDO1 | controlword, target torque | 4 | controlword, target position | 6 |
-//! | TPDO1 | statusword, position, torque | 8 | statusword, position | 6 |
+//! | TPDO1 | statusword, position, torque | 8 | statusword, position, analogue input | 8 |
 //!
-//! The toes leave the torque out: two bytes each way are what makes three drives fit one bus (see `bus::budget`).
+//! A toe's analogue input is the potentiometer on its spring (object 0x6401 of CiA 401, which drives with an input offer
+//! too); its torque nobody needs. Whether it all fits: `bus::budget`.
 
 use super::canopen::PdoData;
 
@@ -39,6 +40,7 @@ const CONTROLWORD: Entry = Entry { index: 0x6040, sub: 0, bits: 16 };
 const STATUSWORD: Entry = Entry { index: 0x6041, sub: 0, bits: 16 };
 const POSITION: Entry = Entry { index: 0x6064, sub: 0, bits: 32 };
 const TORQUE: Entry = Entry { index: 0x6077, sub: 0, bits: 16 };
+const ANALOG_INPUT: Entry = Entry { index: 0x6401, sub: 1, bits: 16 };
 const TARGET_TORQUE: Entry = Entry { index: 0x6071, sub: 0, bits: 16 };
 const TARGET_POSITION: Entry = Entry { index: 0x607A, sub: 0, bits: 32 };
 
@@ -49,7 +51,7 @@ pub const TORQUE_ANSWER: &[Entry] = &[STATUSWORD, POSITION, TORQUE];
 /// Mapping of RPDO1 of a position drive.
 pub const POSITION_COMMAND: &[Entry] = &[CONTROLWORD, TARGET_POSITION];
 /// Mapping of TPDO1 of a position drive.
-pub const POSITION_ANSWER: &[Entry] = &[STATUSWORD, POSITION];
+pub const POSITION_ANSWER: &[Entry] = &[STATUSWORD, POSITION, ANALOG_INPUT];
 
 /// Bytes of a mapping.
 #[must_use]
@@ -73,15 +75,15 @@ pub fn position_command(controlword: u16, position_counts: i32) -> PdoData {
     PdoData { len: 6, data: [c0, c1, p0, p1, p2, p3, 0, 0] }
 }
 
-/// What TPDO1 tells; the torque only if it is mapped.
+/// What TPDO1 tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Answer {
     /// Statusword.
     pub statusword: u16,
     /// Position, counts.
     pub position_counts: i32,
-    /// Torque, 1/1000 of rated.
-    pub torque_permille: Option<i16>,
+    /// Torque drive: torque, 1/1000 of rated. Position drive: analogue input, counts.
+    pub third: i16,
 }
 
 impl Answer {
@@ -89,15 +91,10 @@ impl Answer {
     #[must_use]
     pub fn parse(pdo: &PdoData) -> Option<Self> {
         let [s0, s1, p0, p1, p2, p3, t0, t1] = pdo.data;
-        let torque_permille = match pdo.len {
-            6 => None,
-            8 => Some(i16::from_le_bytes([t0, t1])),
-            _ => return None,
-        };
-        Some(Self {
+        (pdo.len == 8).then_some(Self {
             statusword: u16::from_le_bytes([s0, s1]),
             position_counts: i32::from_le_bytes([p0, p1, p2, p3]),
-            torque_permille,
+            third: i16::from_le_bytes([t0, t1]),
         })
     }
 
@@ -106,8 +103,8 @@ impl Answer {
     pub fn emit(&self) -> PdoData {
         let [s0, s1] = self.statusword.to_le_bytes();
         let [p0, p1, p2, p3] = self.position_counts.to_le_bytes();
-        let [t0, t1] = self.torque_permille.unwrap_or(0).to_le_bytes();
-        PdoData { len: if self.torque_permille.is_some() { 8 } else { 6 }, data: [s0, s1, p0, p1, p2, p3, t0, t1] }
+        let [t0, t1] = self.third.to_le_bytes();
+        PdoData { len: 8, data: [s0, s1, p0, p1, p2, p3, t0, t1] }
     }
 }
 
@@ -123,28 +120,28 @@ mod tests {
         assert_eq!(mapped_bytes(TORQUE_COMMAND), 4);
         assert_eq!(mapped_bytes(TORQUE_ANSWER), 8);
         assert_eq!(mapped_bytes(POSITION_COMMAND), 6);
-        assert_eq!(mapped_bytes(POSITION_ANSWER), 6);
+        assert_eq!(mapped_bytes(POSITION_ANSWER), 8);
     }
 
     #[test]
     fn process_data_match_the_reference() {
         assert_eq!(torque_command(0x000F, 250).bytes(), [0x0F, 0x00, 0xFA, 0x00]);
         let answer = PdoData { len: 8, data: [0x37, 0x16, 0xA0, 0x86, 0x01, 0x00, 0xF8, 0x00] };
-        let expected = Answer { statusword: 0x1637, position_counts: 100_000, torque_permille: Some(248) };
+        let expected = Answer { statusword: 0x1637, position_counts: 100_000, third: 248 };
         assert_eq!(Answer::parse(&answer), Some(expected));
     }
 
     #[test]
     fn answers_are_refused_at_every_wrong_length() {
-        for len in (0..=8).filter(|len| *len != 6 && *len != 8) {
+        for len in (0..=8).filter(|len| *len != 8) {
             assert_eq!(Answer::parse(&PdoData { len, data: [0; 8] }), None);
         }
     }
 
     proptest! {
         #[test]
-        fn answers_and_entries_survive_the_round_trip(statusword: u16, position_counts: i32, torque_permille: Option<i16>, raw: u32) {
-            let answer = Answer { statusword, position_counts, torque_permille };
+        fn answers_and_entries_survive_the_round_trip(statusword: u16, position_counts: i32, third: i16, raw: u32) {
+            let answer = Answer { statusword, position_counts, third };
             prop_assert_eq!(Answer::parse(&answer.emit()), Some(answer));
             prop_assert_eq!(Entry::from_raw(raw).raw(), raw);
         }

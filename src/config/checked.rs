@@ -112,6 +112,8 @@ pub struct Toe {
     pub spring_n_m: f64,
     /// Its preload against the stop, N.
     pub preload_n: f64,
+    /// Counts of the drive's analogue input per m of the spring's potentiometer.
+    pub pot_counts_per_m: f64,
     /// Noise of the spring's potentiometer, m.
     pub pot_noise_m: f64,
     /// Length commanded to a stance toe, m.
@@ -166,7 +168,7 @@ pub struct BusConfig {
     pub backend: BusBackend,
     /// Bit rate, bit/s: for the time model and to check the link.
     pub bitrate: u32,
-    /// No echo of our own frame for so long: the bus is stalled.
+    /// A bus on which none of our frames comes back is noticed to be stalled within this time.
     pub echo_timeout: Span,
 }
 
@@ -331,6 +333,8 @@ pub struct Control {
     pub lqr_q: [f64; 4],
     /// LQR weight of the normalised torque.
     pub lqr_r: f64,
+    /// A swing toe's spring that gives way by so much has met the ground, m; 0 = never.
+    pub touchdown_spring_m: f64,
     /// Share of the modelled friction that is compensated, 0 to 1.
     pub friction_compensation: f64,
     /// Spring of `hold`, Nm/rad.

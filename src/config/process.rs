@@ -52,6 +52,7 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
         attitude_time_s: r.number("attitude_time_s", range(0.01, 1e4, "s")),
         lqr_q: r.numbers("lqr_q", range(0.0, 1e9, "1")),
         lqr_r: r.number("lqr_r", range(1e-9, 1e9, "1")),
+        touchdown_spring_m: r.number("touchdown_spring_m", range(0.0, 0.1, "m")),
         friction_compensation: r.number("friction_compensation", range(0.0, 2.0, "1")),
         hold_stiffness_nm_rad: r.number("hold_stiffness_nm_rad", range(0.0, 1e5, "Nm/rad")),
         hold_damping_nm_s_rad: r.number("hold_damping_nm_s_rad", range(0.0, 1e4, "Nm s/rad")),

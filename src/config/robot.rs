@@ -77,6 +77,7 @@ fn toe(r: &Reader<'_>) -> Toe {
         counts_per_m: r.number("counts_per_m", range(1e3, 1e9, "counts/m")),
         spring_n_m: r.number("spring_n_m", range(10.0, 1e7, "N/m")),
         preload_n: r.number("preload_n", range(0.0, 1e4, "N")),
+        pot_counts_per_m: r.number("pot_counts_per_m", range(1e3, 1e7, "counts/m")),
         pot_noise_m: r.number("pot_noise_m", range(0.0, 0.01, "m")),
         extended_m: r.number("extended_m", length),
         retracted_m: r.number("retracted_m", length),

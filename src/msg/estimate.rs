@@ -26,6 +26,8 @@ message! {
         pub hip_age: Span,
         /// Toe lengths as the drives report them, m, 0 = retracted.
         pub toe_position_m: [f64; TOES],
+        /// Compression of the toes' springs, m.
+        pub toe_spring_m: [f64; TOES],
         /// Oldest of the toes' ages.
         pub toe_age: Span,
         /// Age of the operator's last sign of life.

@@ -2,6 +2,7 @@
 
 use super::reflect::{batch, message, wire_enum};
 use super::{BUSES, DRIVES};
+use crate::base::bytes::padded;
 use crate::base::time::Stamp;
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -33,13 +34,8 @@ impl CanFrame {
     /// A data frame with an 11-bit identifier. At most 8 bytes are taken.
     #[must_use]
     pub fn new(id: u16, payload: &[u8]) -> Self {
-        let mut data = [0; 8];
-        let mut len = 0;
-        for (slot, byte) in data.iter_mut().zip(payload) {
-            *slot = *byte;
-            len += 1;
-        }
-        Self { id: u32::from(id & 0x7FF), len, data }
+        let len = u8::try_from(payload.len()).unwrap_or(u8::MAX).min(8);
+        Self { id: u32::from(id & 0x7FF), len, data: padded(payload) }
     }
 
     /// The bytes that are there.
@@ -178,6 +174,8 @@ message! {
         pub position_counts: i32,
         /// Torque, 1/1000 of the rated torque.
         pub torque_permille: i16,
+        /// Analogue input, counts: at a toe the potentiometer on its spring.
+        pub analog_counts: i16,
         /// Last error code (EMCY or 0x603F), 0 if none.
         pub error_code: u16,
     }

@@ -5,6 +5,7 @@
 //! object 0x6007 says: that is the protection that works when our process is killed. RT: no.
 
 use super::objects::{Objects, PdoSetup, Plate};
+use crate::base::bytes::padded;
 use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::{
     EMCY_HEARTBEAT_LOST, EMCY_PDO_TOO_SHORT, EMCY_RPDO_TIMEOUT, Emergency, Message, NmtCommand, NmtState, Node, PdoData,
@@ -61,6 +62,7 @@ pub struct SimDrive {
     waiting: Option<PdoData>,
     syncs: u32,
     position_counts: i32,
+    analog_counts: i16,
     torque_permille: f64,
     heartbeat_due: Stamp,
     master_heard: Option<Stamp>,
@@ -89,6 +91,7 @@ impl SimDrive {
             waiting: None,
             syncs: 0,
             position_counts: 0,
+            analog_counts: 0,
             torque_permille: 0.0,
             heartbeat_due: Stamp::default(),
             master_heard: None,
@@ -142,6 +145,11 @@ impl SimDrive {
     /// The encoder's count, taken over by the next SYNC.
     pub fn set_position(&mut self, counts: i32) {
         self.position_counts = counts;
+    }
+
+    /// The analogue input's count, taken over by the next SYNC.
+    pub fn set_analog(&mut self, counts: i16) {
+        self.analog_counts = counts;
     }
 
     /// A frame on its bus; what it answers goes to `out`.
@@ -286,10 +294,8 @@ impl SimDrive {
         let mut at = 0;
         for entry in self.rpdo.entries.clone() {
             let end = at + usize::from(entry.bits / 8);
-            let mut raw = [0; 4];
-            raw.iter_mut().zip(&pdo.data[at..end]).for_each(|(slot, byte)| *slot = *byte);
+            let raw = u32::from_le_bytes(padded(&pdo.data[at..end]));
             at = end;
-            let raw = u32::from_le_bytes(raw);
             let value = match entry.bits {
                 8 => SdoValue::u8(raw.to_le_bytes()[0]),
                 16 => SdoValue::u16((raw & 0xFFFF) as u16),
@@ -341,6 +347,7 @@ impl SimDrive {
         let word = self.state.statusword() | VOLTAGE_PRESENT | REMOTE | follows;
         self.objects.set(0x6041, 0, SdoValue::u16(word));
         self.objects.set(0x6064, 0, SdoValue::i32(self.position_counts));
+        self.objects.set(0x6401, 1, SdoValue::i16(self.analog_counts));
         #[expect(clippy::cast_possible_truncation, reason = "limited to i16 by the torque limit")]
         let torque = libm::round(self.torque_permille) as i16;
         self.objects.set(0x6077, 0, SdoValue::i16(torque));

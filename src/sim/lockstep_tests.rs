@@ -145,3 +145,106 @@ fn letting_the_switch_go_ends_the_torque() {
     }
     assert!(last.abs() < 1e-300);
 }
+
+const GROUND: [&str; 1] = ["sim.on_blocks=false"];
+
+/// Ten minutes on the ground cost 25 s of CPU in the development profile, so one leg gets them and the other a minute.
+#[test]
+fn balance_holds_on_the_ground_on_both_legs_and_no_touchdown_is_imagined() {
+    for (leg, seconds) in [(&INNER[..], 600), (&OUTER[..], 60)] {
+        let mut lockstep = Lockstep::new(&config(&[&GROUND, leg])).unwrap();
+        let mut steps = 0;
+        let summary =
+            scenario::run(&mut lockstep, Span::from_ms(1000 * seconds), Span::from_ms(10_000), |record, _| {
+                steps = steps.max(record.estimate.steps);
+            });
+        assert!(summary.stands(), "{leg:?}: {summary:?}");
+        assert!(summary.tail_angle_rad[0].width().to_degrees() < 1.0, "{leg:?}: {summary:?}");
+        assert_eq!(steps, 0, "{leg:?}");
+    }
+}
+
+/// A robot with locked hip that leans on one leg and falls onto the other; what the estimate was wrong by.
+struct Fall {
+    /// From the real touchdown to the estimated one, ms.
+    late_ms: Option<u64>,
+    /// Largest error of the angles and rates of both legs, by leg, from 20 ms to 100 ms after the touchdown.
+    angle_rad: f64,
+    rate_rad_s: f64,
+}
+
+fn fall(keys: &[&[&str]]) -> Fall {
+    const LOCKED: [&str; 5] = [
+        "control.controller=hold",
+        "sim.release_torque_nm=1000.0",
+        "sim.release_after_s=0.2",
+        "sim.imu.static_error_rad=0.0",
+        "control.bias_time_s=0.0",
+    ];
+    let mut lockstep = Lockstep::new(&config(&[&[&GROUND[..], &LOCKED[..]].concat()[..], &keys.concat()[..]])).unwrap();
+    let start = lockstep.plant().reading().stance;
+    let (mut landed, mut seen) = (None, None);
+    let mut fall = Fall { late_ms: None, angle_rad: 0.0, rate_rad_s: 0.0 };
+    for tick in 0..4000_u64 {
+        let record = *lockstep.step();
+        let truth = lockstep.plant().reading();
+        landed = landed.or((truth.stance != start).then_some(tick));
+        seen = seen.or((record.estimate.stance != start).then_some(tick));
+        let Some(since) = landed.map(|at| tick - at) else {
+            assert_eq!(record.estimate.steps, 0, "seen before it was there");
+            continue;
+        };
+        if since > 100 {
+            assert_eq!(record.status.mode, Mode::Armed);
+            break;
+        }
+        if since >= 20 {
+            let e = &record.estimate;
+            let by_leg = |s: f64, w: f64| if e.stance == crate::msg::Leg::Inner { [s, w] } else { [w, s] };
+            let angles = by_leg(e.theta_stance_rad, e.theta_swing_rad);
+            let rates = by_leg(e.theta_stance_rad_s, e.theta_swing_rad_s);
+            for i in 0..2 {
+                fall.angle_rad = fall.angle_rad.max((angles[i] - truth.leg_angle_rad[i]).abs());
+                fall.rate_rad_s = fall.rate_rad_s.max((rates[i] - truth.leg_rate_rad_s[i]).abs());
+            }
+        }
+    }
+    assert!(landed.is_some(), "it did not fall onto the other leg");
+    fall.late_ms = seen.zip(landed).map(|(seen, landed)| seen.saturating_sub(landed));
+    fall
+}
+
+#[test]
+fn estimate_follows_across_the_impact_of_a_fall_onto_the_other_leg() {
+    let inner = ["sim.initial_angle_rad=[-0.06, 0.30]"];
+    let outer = [&OUTER[..], &["sim.initial_angle_rad=[0.30, -0.06]"]].concat();
+    for leg in [&inner[..], &outer[..]] {
+        let followed = fall(&[leg]);
+        let blind = fall(&[leg, &["control.touchdown_spring_m=0.0"]]);
+        println!("{leg:?}: {:?} ms late, {} rad, {} rad/s", followed.late_ms, followed.angle_rad, followed.rate_rad_s);
+        println!("blind: {} rad, {} rad/s", blind.angle_rad, blind.rate_rad_s);
+        // Toes report every 4 ms, a frame takes one more, the spring needs one to give way.
+        assert!(followed.late_ms.is_some_and(|ms| ms <= 8), "{leg:?}: {:?}", followed.late_ms);
+        assert!(followed.angle_rad < 0.01 && followed.rate_rad_s < 0.25, "{leg:?}");
+        assert!(blind.late_ms.is_none() && blind.rate_rad_s > 2.0 * followed.rate_rad_s, "{leg:?}");
+    }
+}
+
+#[test]
+fn the_hand_lets_go_of_a_controller_that_never_pushes() {
+    for controller in ["control.controller=hold", "control.controller=idle"] {
+        let mut lockstep = Lockstep::new(&config(&[&[controller]])).unwrap();
+        let start = lockstep.plant().reading().leg_angle_rad;
+        let mut armed_at = None;
+        let mut moved_at = None;
+        for tick in 0..4000_u64 {
+            let armed = lockstep.step().status.mode == Mode::Armed;
+            armed_at = armed_at.or(armed.then_some(tick));
+            let moved = (lockstep.plant().reading().leg_angle_rad[0] - start[0]).abs() > 1e-6;
+            moved_at = moved_at.or(moved.then_some(tick));
+        }
+        let waited = moved_at.unwrap() - armed_at.unwrap();
+        // A second of power, and some ms until it falls by a microradian.
+        assert!((980..1050).contains(&waited), "{controller}: {waited} ms");
+    }
+}

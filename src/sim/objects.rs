@@ -99,6 +99,7 @@ impl Objects {
         self.put(0x607A, 0, SdoValue::i32(0), Access::Write);
         self.put(0x60C2, 1, SdoValue::u8(1), Access::Write);
         self.put(0x60C2, 2, SdoValue::i8(-3), Access::Write);
+        self.put(0x6401, 1, SdoValue::i16(0), Access::Read);
         self.put(0x6502, 0, SdoValue::u32(plate.supported_modes), Access::Read);
     }
 

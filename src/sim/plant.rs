@@ -5,6 +5,7 @@
 
 use super::drive::{Electrics, SimDrive};
 use super::imu::SimImu;
+use super::noise::Noise;
 use super::wire::{Delivered, Wire};
 use super::{Reading, World};
 use crate::base::time::{Span, Stamp};
@@ -25,6 +26,9 @@ const LONGEST_STEP: Span = Span::from_ms(1);
 /// Frames that wait for the controller; beyond this it has stopped reading.
 const HOST_QUEUE: usize = 1024;
 
+/// Makes the potentiometers' noise another stream than the IMU's.
+const POT_STREAM: u64 = 0x706F_7400;
+
 /// The simulated robot.
 pub struct Plant {
     now: Stamp,
@@ -40,6 +44,7 @@ pub struct Plant {
     release_after: Span,
     hip_powered_since: Option<Stamp>,
     imu: SimImu,
+    pot_noise: Noise,
     echo: bool,
     to_host: Vec<VecDeque<BusFrame>>,
     answers: Vec<CanFrame>,
@@ -73,6 +78,11 @@ impl Units {
     #[expect(clippy::cast_possible_truncation, reason = "a stroke of some centimetres")]
     fn toe_counts(&self, length_m: f64) -> i32 {
         libm::floor(length_m * self.toe.counts_per_m + 0.5) as i32
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "the input saturates, as a converter does")]
+    fn pot_counts(&self, compression_m: f64) -> i16 {
+        libm::floor(compression_m * self.toe.pot_counts_per_m + 0.5) as i16
     }
 }
 
@@ -111,6 +121,7 @@ impl Plant {
             release_after: config.simulation.release_after,
             hip_powered_since: None,
             imu: SimImu::new(&robot.imu, &config.simulation.imu, config.simulation.seed),
+            pot_noise: Noise::new(config.simulation.seed ^ POT_STREAM),
             echo: true,
             to_host: vec![VecDeque::new(); BUSES],
             answers: Vec::new(),
@@ -250,7 +261,7 @@ impl Plant {
         self.tell_host(bus, &delivered);
         if delivered.frame.id == u32::from(Object::Sync.id()) {
             self.move_world_to(at);
-            self.show_positions();
+            self.show_positions(bus);
         }
         for index in 0..DRIVES {
             if self.bus_of[index] == bus && delivered.sender != index + 1 {
@@ -297,11 +308,17 @@ impl Plant {
         }
     }
 
-    fn show_positions(&mut self) {
-        let (hip, toes) = self.drives.split_at_mut(1);
-        hip[0].set_position(self.units.hip_counts(self.reading.hip_encoder_rad));
-        for (drive, length_m) in toes.iter_mut().zip(self.reading.toe_position_m) {
-            drive.set_position(self.units.toe_counts(length_m));
+    /// Encoders and potentiometers of the drives on a bus read what the world shows.
+    fn show_positions(&mut self, bus: usize) {
+        let seen = &self.reading;
+        for (index, drive) in self.drives.iter_mut().enumerate().filter(|(k, _)| self.bus_of[*k] == bus) {
+            let Some(toe) = index.checked_sub(1) else {
+                drive.set_position(self.units.hip_counts(seen.hip_encoder_rad));
+                continue;
+            };
+            drive.set_position(self.units.toe_counts(seen.toe_position_m[toe]));
+            let noise_m = self.units.toe.pot_noise_m * self.pot_noise.normal();
+            drive.set_analog(self.units.pot_counts(seen.toe_spring_m[toe] + noise_m));
         }
     }
 

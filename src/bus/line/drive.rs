@@ -173,7 +173,10 @@ impl DriveLine {
         self.feedback.state = self.state.as_message();
         self.feedback.statusword = answer.statusword;
         self.feedback.position_counts = answer.position_counts;
-        self.feedback.torque_permille = answer.torque_permille.unwrap_or(0);
+        match self.mode {
+            DriveMode::CyclicTorque => self.feedback.torque_permille = answer.third,
+            DriveMode::CyclicPosition => self.feedback.analog_counts = answer.third,
+        }
     }
 
     /// An emergency, or its end.

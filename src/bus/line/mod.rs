@@ -119,12 +119,14 @@ impl Line {
                 watchdog = watchdog.min(config.watchdog);
             }
         }
+        let noticed_by = robot.buses.get(bus).map_or(Span::from_ms(20), |b| b.echo_timeout);
         Ok(Self {
             bus,
             round: plan.round,
             cycle: 0,
             sync_by_us: real_time.trigger == Trigger::Timer,
-            echo_timeout: robot.buses.get(bus).map_or(Span::from_ms(20), |b| b.echo_timeout),
+            // A bus that dies just after a command shows one period later, at the next; we look once a period.
+            echo_timeout: Span(noticed_by.0 - 2 * real_time.period.0).max(real_time.period),
             heartbeat_every: Span(watchdog.0 / 4),
             heartbeat_sent: Stamp::NEVER,
             sync_in_flight: None,

@@ -51,7 +51,7 @@ fn budget_is_the_sum_of_the_frame_table() {
     // SYNC, hip command and answer, three heartbeats, emergency; then per phase: two toe answers; a toe command and a
     // set-up exchange; the same; a set-up exchange and our heartbeat.
     let each = 55 + 95 + 135 + 3 * 65 + 135;
-    let expected = [each + 2 * 115, each + 115 + 270, each + 115 + 270, each + 270 + 65];
+    let expected = [each + 2 * 135, each + 115 + 270, each + 115 + 270, each + 270 + 65];
     assert_eq!(worst_bits(6, false), 115);
     assert_eq!(plan.worst_case_us(&config.robot, 0), expected.map(f64::from));
 }
@@ -131,8 +131,8 @@ fn without_echo_the_bus_stalls_and_only_the_probe_is_sent_until_it_is_echoed() {
     }
     assert_eq!(feedbacks.health[0], BusHealth::Stalled);
     assert_eq!(sent.iter().flatten().filter(|id| **id == 0x080).count(), 1, "one SYNC in flight, no second");
-    assert_eq!(sent[21], [0x000], "the probe, alone");
-    assert!(sent[22..].iter().all(Vec::is_empty));
+    assert_eq!(sent[19], [0x000], "the probe, alone, within 20 ms of the last frame and a period for the next one");
+    assert!(sent[20..].iter().all(Vec::is_empty));
     let mut echo = FrameBatch::default();
     let frame = Message::Nmt(NmtCommand::ResetNode, None).emit();
     echo.push(BusFrame { stamp: at_ms(60), frame });
