@@ -24,6 +24,7 @@ pub struct Drive<S> {
     pub joint: usize,
     gain: S,
     back_emf: S,
+    brakes: bool,
     delay: S,
     lag: S,
     limit: Option<S>,
@@ -49,6 +50,7 @@ impl<S: Scalar> Drive<S> {
             joint,
             gain,
             back_emf,
+            brakes: back_emf.value() != 0.0 || back_emf.is_varied(),
             delay: zero,
             lag: zero,
             limit: None,
@@ -138,6 +140,13 @@ impl<S: Scalar> Drive<S> {
         self.target + (self.start - self.target) * (-((now - self.since) / self.lag)).exp()
     }
 
+    /// True if the torque depends on the rate.
+    #[inline]
+    #[must_use]
+    pub const fn brakes(&self) -> bool {
+        self.brakes
+    }
+
     /// Torque at `now` while the motor turns at `rate`.
     #[inline]
     #[must_use]
@@ -153,7 +162,7 @@ impl<S: Scalar> Drive<S> {
                 torque = -limit;
             }
         }
-        torque - self.back_emf * rate
+        if self.brakes { torque - self.back_emf * rate } else { torque }
     }
 }
 

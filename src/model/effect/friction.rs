@@ -49,10 +49,10 @@ pub struct DryFriction<S> {
     pub coulomb: S,
     /// Stribeck: extra level at rest, Nm, and the rate at which it is down to 1/e, rad/s.
     pub stribeck: Option<(S, S)>,
-    /// Level per transmitted torque.
-    pub load: S,
-    /// Relative growth of the Coulomb level, 1/s, from t = 0 of the recording's clock.
-    pub drift: S,
+    /// Level per transmitted torque, if any effect names it.
+    pub load: Option<S>,
+    /// Relative growth of the Coulomb level, 1/s, from t = 0 of the recording's clock, if any effect names it.
+    pub drift: Option<S>,
     /// Bristle stiffness, Nm/rad; none = rigid sticking.
     pub bristle: Option<S>,
 }
@@ -63,14 +63,14 @@ impl<S: Scalar> DryFriction<S> {
     #[must_use]
     pub fn level(&self, r: S, t: S, transmitted: S) -> S {
         let mut level = self.coulomb;
-        if self.drift.value() != 0.0 || self.drift.is_varied() {
-            level *= self.drift * t + 1.0;
+        if let Some(drift) = self.drift {
+            level *= drift * t + 1.0;
         }
         if let Some((extra, velocity)) = self.stribeck {
             level += extra * (-(r / velocity).square()).exp();
         }
-        if self.load.value() != 0.0 || self.load.is_varied() {
-            level += self.load * transmitted.abs();
+        if let Some(load) = self.load {
+            level += load * transmitted.abs();
         }
         if level.value() < 0.0 { S::zero() } else { level }
     }
@@ -78,7 +78,7 @@ impl<S: Scalar> DryFriction<S> {
     /// True if the level depends on what the joint transmits.
     #[must_use]
     pub fn needs_load(&self) -> bool {
-        self.load.value() != 0.0 || self.load.is_varied()
+        self.load.is_some()
     }
 }
 
@@ -117,8 +117,8 @@ pub struct Axis<S> {
     pub is_motor: bool,
     /// Nm s/rad.
     pub viscous: S,
-    /// Nm s²/rad².
-    pub quadratic: S,
+    /// Nm s²/rad², if any effect names it.
+    pub quadratic: Option<S>,
     /// Constant torque, Nm; `friction_asymmetry` is exactly minus its difference here, sticking included.
     pub offset: S,
     /// Springs.
@@ -138,7 +138,7 @@ impl<S: Scalar> Axis<S> {
             joint,
             is_motor,
             viscous: S::zero(),
-            quadratic: S::zero(),
+            quadratic: None,
             offset: S::zero(),
             springs: Vec::new(),
             ripples: Vec::new(),
@@ -151,8 +151,8 @@ impl<S: Scalar> Axis<S> {
     #[must_use]
     pub fn smooth_torque(&self, q: S, r: S) -> S {
         let mut torque = self.offset - self.viscous * r;
-        if self.quadratic.value() != 0.0 || self.quadratic.is_varied() {
-            torque -= self.quadratic * r * r.abs();
+        if let Some(quadratic) = self.quadratic {
+            torque -= quadratic * r * r.abs();
         }
         for spring in &self.springs {
             torque -= spring.stiffness * (q - spring.rest);
@@ -168,8 +168,8 @@ impl<S: Scalar> Axis<S> {
         self.dry.get_or_insert_with(|| DryFriction {
             coulomb: S::zero(),
             stribeck: None,
-            load: S::zero(),
-            drift: S::zero(),
+            load: None,
+            drift: None,
             bristle: None,
         })
     }

@@ -8,7 +8,7 @@ use crate::base::scalar::Scalar;
 use crate::model::effect::EffectKind;
 use crate::model::effect::actuator::Drive;
 use crate::model::effect::drive::{Rotor, StructuralMode};
-use crate::model::effect::friction::{Axis, Grip, Ripple, Spring};
+use crate::model::effect::friction::{Axis, DryFriction, Grip, Ripple, Spring};
 use crate::model::effect::sensing::Pickup;
 use crate::model::mechanism::{Body, DoublePendulum, Legs, MAX, Mechanism, Pendulum, Row, Slider};
 use crate::model::rig::{MechanismKind, Setup, Side, Site};
@@ -30,6 +30,7 @@ impl<S: Scalar> Machine<S> {
             n_body,
             n: n_body,
             bristles: 0,
+            is_loaded: false,
             axes: Vec::new(),
             grips: Vec::new(),
             rotors: Vec::new(),
@@ -69,6 +70,8 @@ impl<S: Scalar> Machine<S> {
         for effect in &setting.effects {
             machine.add_law(effect, lift);
         }
+        machine.plant.is_loaded =
+            machine.plant.axes.iter().any(|a| a.dry.as_ref().is_some_and(DryFriction::needs_load));
         machine.plant.bristles = machine.plant.axes.iter().filter(|a| a.is_bristled()).count();
         if machine.plant.bristles > MAX_BRISTLES {
             return Err(MachineError::Unsupported(format!("at most {MAX_BRISTLES} joints may have presliding")));
@@ -149,13 +152,13 @@ impl<S: Scalar> Machine<S> {
         let Some(axis) = self.axis(joint, effect.side) else { return };
         match effect.kind {
             EffectKind::ViscousFriction => axis.viscous += x[0],
-            EffectKind::QuadraticDrag => axis.quadratic += x[0],
+            EffectKind::QuadraticDrag => add(&mut axis.quadratic, x[0]),
             EffectKind::CoulombFriction => axis.dry_mut().coulomb += x[0],
             EffectKind::FrictionAsymmetry => axis.offset -= x[0],
             EffectKind::StribeckFriction => axis.dry_mut().stribeck = Some((x[0], x[1])),
-            EffectKind::LoadFriction => axis.dry_mut().load += x[0],
+            EffectKind::LoadFriction => add(&mut axis.dry_mut().load, x[0]),
             EffectKind::Presliding => axis.dry_mut().bristle = Some(x[0]),
-            EffectKind::FrictionDrift => axis.dry_mut().drift += x[0],
+            EffectKind::FrictionDrift => add(&mut axis.dry_mut().drift, x[0]),
             EffectKind::ParallelSpring => axis.springs.push(Spring { stiffness: x[0], rest: x[1] }),
             EffectKind::TorqueOffset => axis.offset += x[0],
             EffectKind::TorqueRipple => axis.ripples.push(Ripple { amplitude: x[0], order: x[1], phase: x[2] }),
@@ -209,6 +212,11 @@ impl<S: Scalar> Machine<S> {
             self.pickups.push(pickup);
         }
     }
+}
+
+/// Several effects of one kind add up.
+fn add<S: Scalar>(sum: &mut Option<S>, x: S) {
+    *sum = Some(sum.map_or(x, |sum| sum + x));
 }
 
 /// A rotor without inertia cannot be accelerated; this is far below any real one.

@@ -123,6 +123,12 @@ impl<S: Scalar> Plant<S> {
         Some(friction * normal.max(0.0) * (1.0 + 1e-10) + ROUNDING - tangent.abs())
     }
 
+    /// True if the stance toe is a point that does not move.
+    pub(super) fn stands_still(&self) -> bool {
+        let is_point = self.ground.radius.is_none() && self.ground.compliance.is_none() && self.feet.short.is_none();
+        self.walks && is_point && self.feet.contact == Contact::Held
+    }
+
     /// Constraints of the stance foot.
     pub(super) fn add_foot(&self, y: &Phase<S>, work: &mut Work<S>) {
         if !self.walks {
@@ -133,7 +139,7 @@ impl<S: Scalar> Plant<S> {
             Contact::Flight => {}
             _ if self.ground.compliance.is_some() => self.add_sprung_foot(y, work),
             Contact::Held => {
-                if self.ground.radius.is_none() && self.feet.short.is_none() {
+                if self.stands_still() {
                     work.held.still(Holder::Tangent, TOE, 1.0);
                     work.held.still(Holder::Normal, TOE + 1, 1.0);
                 } else if let Some(rows) = self.foot_rows(y, false) {

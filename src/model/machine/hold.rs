@@ -31,6 +31,8 @@ enum Kind {
 #[derive(Clone, Debug)]
 pub(super) struct Held<S> {
     len: usize,
+    /// Forces of what is held still are wanted; the others come with the accelerations.
+    wants_forces: bool,
     holders: [Holder; MAX_CONSTRAINTS],
     kinds: [Kind; MAX_CONSTRAINTS],
     rows: [[S; MAX]; MAX_CONSTRAINTS],
@@ -46,6 +48,7 @@ impl<S: Scalar> Default for Held<S> {
     fn default() -> Self {
         Self {
             len: 0,
+            wants_forces: true,
             holders: [Holder::Normal; MAX_CONSTRAINTS],
             kinds: [Kind::Along; MAX_CONSTRAINTS],
             rows: [[S::zero(); MAX]; MAX_CONSTRAINTS],
@@ -60,8 +63,9 @@ impl<S: Scalar> Default for Held<S> {
 
 impl<S: Scalar> Held<S> {
     /// Lets everything go.
-    pub(super) fn clear(&mut self) {
+    pub(super) fn clear(&mut self, wants_forces: bool) {
         self.len = 0;
+        self.wants_forces = wants_forces;
     }
 
     /// Holds generalised coordinate `index` still by a force on `factor` times it.
@@ -114,7 +118,9 @@ impl<S: Scalar> Held<S> {
         factor.solve(a);
         if self.len > 0 {
             self.constrain(n, &free, factor, a);
-            self.hold_still(eq, n, a);
+            if self.wants_forces {
+                self.hold_still(eq, n, a);
+            }
         }
     }
 

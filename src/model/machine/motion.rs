@@ -77,6 +77,8 @@ const FASTEST: f64 = 1e6;
 #[derive(Clone, Debug)]
 pub struct Work<S> {
     pub(super) eq: Equations<S>,
+    /// Forces of the bare mechanism, kept for friction that depends on load.
+    bare: [S; MAX],
     factor: Factor<S>,
     /// Accelerations.
     pub(super) a: [S; MAX],
@@ -92,6 +94,7 @@ impl<S: Scalar> Default for Work<S> {
     fn default() -> Self {
         Self {
             eq: Equations::default(),
+            bare: [S::zero(); MAX],
             factor: Factor::default(),
             a: [S::zero(); MAX],
             zdot: [S::zero(); MAX_BRISTLES],
@@ -133,6 +136,8 @@ pub(super) struct Plant<S> {
     pub(super) n_body: usize,
     pub(super) n: usize,
     pub(super) bristles: usize,
+    /// Some friction depends on what its joint transmits.
+    pub(super) is_loaded: bool,
     pub(super) axes: Vec<Axis<S>>,
     pub(super) grips: Vec<Grip>,
     pub(super) rotors: Vec<Rotor<S>>,
@@ -145,25 +150,47 @@ pub(super) struct Plant<S> {
 }
 
 impl<S: Scalar> Plant<S> {
-    /// Accelerations and bristle rates at `y`, time `t`, into `work`.
+    /// Accelerations, bristle rates and forces of constraints at `y`, time `t`, into `work`.
     pub(super) fn flow(&self, y: &Phase<S>, t: S, work: &mut Work<S>) {
         self.body.equations(&y.q, &y.v, &mut work.eq);
-        let bias = work.eq.force;
+        work.held.clear(true);
+        self.balance(y, t, work);
+    }
+
+    /// [`Self::flow`] without the forces on a toe that stands still.
+    fn flow_free(&self, y: &Phase<S>, t: S, work: &mut Work<S>) {
+        match &self.body {
+            Body::Legs(legs) if self.stands_still() => legs.leg_equations(&y.q, &y.v, &mut work.eq),
+            body => body.equations(&y.q, &y.v, &mut work.eq),
+        }
+        work.held.clear(false);
+        self.balance(y, t, work);
+    }
+
+    /// Adds all other forces to those of the bare mechanism and solves for the accelerations.
+    #[inline]
+    fn balance(&self, y: &Phase<S>, t: S, work: &mut Work<S>) {
+        if self.is_loaded {
+            work.bare = work.eq.force;
+        }
         for i in self.n_body..self.n {
             work.eq.force[i] = S::zero();
         }
-        work.held.clear();
         for structure in &self.structures {
             structure.add_to(&y.q, &y.v, &mut work.eq);
         }
         self.add_rotors(y, work);
         for drive in &self.drives {
-            let torque = drive.torque(t, drive.row.of(&y.v));
-            drive.row.push(torque, &mut work.eq.force);
+            drive.row.push(self.torque_of(drive, y, t), &mut work.eq.force);
         }
-        self.add_axes(y, t, &bias, work);
+        self.add_axes(y, t, work);
         self.add_foot(y, work);
         work.held.accelerate(&work.eq, self.n, &mut work.factor, &mut work.a);
+    }
+
+    #[inline]
+    fn torque_of(&self, drive: &Drive<S>, y: &Phase<S>, t: S) -> S {
+        drive.torque(t, if drive.brakes() { drive.row.of(&y.v) } else { S::zero() })
     }
 
     fn add_rotors(&self, y: &Phase<S>, work: &mut Work<S>) {
@@ -180,13 +207,13 @@ impl<S: Scalar> Plant<S> {
         }
     }
 
-    fn add_axes(&self, y: &Phase<S>, t: S, bias: &[S; MAX], work: &mut Work<S>) {
+    fn add_axes(&self, y: &Phase<S>, t: S, work: &mut Work<S>) {
         let mut bristle = 0;
         for (i, axis) in self.axes.iter().enumerate() {
             let rate = axis.row.of(&y.v);
             axis.row.push(axis.smooth_torque(axis.row.of(&y.q), rate), &mut work.eq.force);
             let Some(dry) = &axis.dry else { continue };
-            let transmitted = if dry.needs_load() { self.transmitted(axis.joint, y, t, bias) } else { S::zero() };
+            let transmitted = if dry.needs_load() { self.transmitted(axis.joint, y, t, &work.bare) } else { S::zero() };
             let level = dry.level(rate, t, transmitted);
             work.level[i] = level;
             if let Some(stiffness) = dry.bristle {
@@ -220,7 +247,7 @@ impl<S: Scalar> Plant<S> {
     fn transmitted(&self, joint: usize, y: &Phase<S>, t: S, bias: &[S; MAX]) -> S {
         let mut motors = S::zero();
         for drive in self.drives.iter().filter(|d| d.joint == joint) {
-            motors += drive.torque(t, drive.row.of(&y.v));
+            motors += self.torque_of(drive, y, t);
         }
         (motors + self.body.held_torque(joint, bias)) * 0.5
     }
@@ -235,27 +262,29 @@ impl<S: Scalar> Plant<S> {
         work: &mut Work<S>,
     ) {
         let (n, bristles) = (self.n, self.bristles);
+        // A step without derivatives of its own length, as most are, halves the products.
+        let (length, plain) = (h.value(), !h.is_varied());
+        let times = |x: S, part: f64| if plain { x * (length * part) } else { x * (h * part) };
         at.copy_from(y, n, bristles);
         for (stage, (reach, weight)) in STAGES.iter().enumerate() {
-            self.flow(at, now + h * TIMES[stage], work);
+            self.flow_free(at, now + h * TIMES[stage], work);
             sum.gather(stage == 0, *weight, at, work, (n, bristles));
             if stage < 3 {
-                let reach = h * *reach;
                 for i in 0..n {
-                    at.q[i] = y.q[i] + at.v[i] * reach;
-                    at.v[i] = y.v[i] + work.a[i] * reach;
+                    at.q[i] = y.q[i] + times(at.v[i], *reach);
+                    at.v[i] = y.v[i] + times(work.a[i], *reach);
                 }
                 for i in 0..bristles {
-                    at.z[i] = y.z[i] + work.zdot[i] * reach;
+                    at.z[i] = y.z[i] + times(work.zdot[i], *reach);
                 }
             }
         }
         for i in 0..n {
-            end.q[i] = y.q[i] + sum.q[i] * h;
-            end.v[i] = y.v[i] + sum.v[i] * h;
+            end.q[i] = y.q[i] + times(sum.q[i], 1.0);
+            end.v[i] = y.v[i] + times(sum.v[i], 1.0);
         }
         for i in 0..bristles {
-            end.z[i] = y.z[i] + sum.z[i] * h;
+            end.z[i] = y.z[i] + times(sum.z[i], 1.0);
         }
     }
 }
