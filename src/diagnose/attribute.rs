@@ -6,20 +6,30 @@
 //! RT: no.
 
 use crate::diagnose::candidates::{Candidate, look_alike};
+use crate::diagnose::folds::kept_when_left_out;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{Difference, blocks, difference, white};
 use crate::diagnose::screen::{Column, Screen};
-use crate::identify::fit::{FreeRuns, Limits, Point, Series};
+use crate::identify::fit::{FreeRuns, Limits, Series};
 use crate::identify::noise::Colour;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Rig, Scope, Slot, Value};
 use rayon::prelude::*;
 
 /// Candidates that are fitted in full per round.
-const FITTED: usize = 7;
+const FITTED: usize = 5;
 
 /// Of those, how many are polished under the noise that the best one leaves.
 const POLISHED: usize = 4;
+
+/// How far candidates are fitted before the leaders go on, and again then.
+const COARSE: Limits = Limits { iterations: 4, tolerance: 3e-4 };
+
+/// Most candidates that go on.
+const LEADING: usize = 5;
+
+/// A candidate with less than this part of the leader's gain does not go on.
+const BEHIND: f64 = 0.2;
 
 /// Most effects that are added.
 pub const MOST: usize = 4;
@@ -133,29 +143,35 @@ fn promised(
     let (problem, point) = base.extended(with_effect(&base.rig, candidate, start));
     let e = base.rig.effects.len();
     let own = |slot: Slot| matches!(slot, Slot::Effect(Scope::Rig, i, _) if i == e);
-    let length = |p: &Point| p.states.first().map_or(0, Vec::len);
     // Where inner states differ, those of the base are directions once more, which the projection allows for.
-    let added = length(&point) != length(&base.point);
-    let states = if added { 2 * problem.degrees() } else { length(&point) };
+    let held = |w: usize| {
+        let (new, old) = (point.states[w].len(), base.point.states[w].len());
+        if new == old { new } else { 2 * problem.degrees() }
+    };
     let runs: Vec<Vec<Series>> =
-        (0..problem.windows()).map(|w| problem.run_along(w, &point, own, states)).collect::<Option<_>>()?;
-    let mine = problem.theta.entries.iter().enumerate().filter(|(_, entry)| own(entry.slot));
+        (0..problem.windows()).map(|w| problem.run_along(w, &point, own, held(w))).collect::<Option<_>>()?;
     let of_problem = problem.bounds();
+    let mine = problem.theta.entries.iter().enumerate().filter(|(_, entry)| own(entry.slot));
     let mut bounds: Vec<(f64, f64)> =
         mine.map(|(i, _)| (of_problem[i].min - point.parameters[i], of_problem[i].max - point.parameters[i])).collect();
-    let directions = runs.first()?.first()?.slopes.len();
     let mut columns: Vec<Column> = vec![moved(&runs, plain)];
     columns.extend((0..bounds.len()).map(|j| slopes(&runs, j)));
-    // Every window has its own inner state.
-    for w in 0..runs.len() {
-        for j in bounds.len().min(directions)..directions {
-            let mut column: Column = vec![Vec::new(); runs.len()];
-            column[w] = runs[w].iter().map(|s| s.slopes[j].clone()).collect();
-            columns.push(column);
-        }
-    }
+    columns.extend(inner_states(&runs, bounds.len()));
     bounds.resize(columns.len() - 1, (f64::NEG_INFINITY, f64::INFINITY));
     Some(screen.promise(&columns, &bounds))
+}
+
+/// One column per inner state and window: every window has its own.
+fn inner_states(runs: &[Vec<Series>], shared: usize) -> Vec<Column> {
+    let mut out = Vec::new();
+    for (w, run) in runs.iter().enumerate() {
+        for j in shared..run.first().map_or(0, |s| s.slopes.len()) {
+            let mut column: Column = vec![Vec::new(); runs.len()];
+            column[w] = run.iter().map(|s| s.slopes[j].clone()).collect();
+            out.push(column);
+        }
+    }
+    out
 }
 
 /// By how much the start moves the simulation.
@@ -173,7 +189,7 @@ fn chosen<'c>(ranked: &[Ranked<'c>]) -> Vec<(&'c Candidate, Vec<f64>)> {
     let leaders: Vec<&Candidate> = ranked.iter().take(3).map(|r| r.0).collect();
     let wanted =
         |(i, (c, ..)): &(usize, &Ranked<'_>)| *i < FITTED || leaders.iter().any(|l| look_alike(l.effect, c.effect));
-    ranked.iter().enumerate().filter(wanted).take(FITTED + 4).map(|(_, (c, s, _))| (*c, s.clone())).collect()
+    ranked.iter().enumerate().filter(wanted).take(FITTED + 5).map(|(_, (c, s, _))| (*c, s.clone())).collect()
 }
 
 /// All candidates of one round on top of `base`, best first by what they gain.
@@ -181,21 +197,29 @@ fn chosen<'c>(ranked: &[Ranked<'c>]) -> Vec<(&'c Candidate, Vec<f64>)> {
 pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context, mut said: impl FnMut(&str)) -> Vec<Trial> {
     let noise = white(&base.residuals, &context.floors);
     let ranked = screened(base, library, &noise);
-    // Nothing promises a third of what would count: a healthy machine is not worth a dozen fits.
-    if ranked.first().is_none_or(|best| best.2 < 0.3 * worth(context, 1)) {
+    // Nothing promises two fifths of what would count: a healthy machine is not worth a dozen fits.
+    if ranked.first().is_none_or(|best| best.2 < 0.4 * worth(context, 1)) {
         return Vec::new();
     }
     said("screened");
-    let coarse = Limits { iterations: 6, tolerance: 3e-4 };
+    for (c, start, gain) in ranked.iter().take(8) {
+        said(&format!("   {:20} {:12} promises {gain:9.1} from {start:.4?}", c.effect, c.at));
+    }
     let fitted = |(candidate, start): (&Candidate, Vec<f64>)| {
         let (problem, point) = base.extended(with_effect(&base.rig, candidate, &start));
-        let hypothesis = Hypothesis::fitted(problem, point, &noise, &context.floors, coarse)?;
+        let hypothesis = Hypothesis::fitted(problem, point, &noise, &context.floors, COARSE)?;
         Some(Trial { candidate: candidate.clone(), hypothesis, gain: 0.0 })
     };
-    for (c, start, gain) in ranked.iter().take(12) {
-        said(&format!("   {:20} {:12} promises {gain:9.1} from {start:?}", c.effect, c.at));
-    }
     let mut trials: Vec<Trial> = chosen(&ranked).into_par_iter().filter_map(fitted).collect();
+    rank(base, &mut trials, context);
+    // The leaders go on; who is far behind after a few steps does not catch up.
+    let leading = trials.iter().take(LEADING).filter(|t| t.gain > BEHIND * trials[0].gain).count();
+    trials[..leading].par_iter_mut().for_each(|trial| {
+        let finer = trial.hypothesis.polished(&noise, &context.floors, COARSE);
+        if let Some(finer) = finer.filter(|f| f.likelihood > trial.hypothesis.likelihood) {
+            trial.hypothesis = finer;
+        }
+    });
     said("fitted");
     polish(base, &mut trials, context);
     trials
@@ -231,7 +255,7 @@ pub fn polish(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
     for _ in 0..2 {
         rank(base, trials, context);
         let Some(noise) = trials.first().map(|t| t.hypothesis.noise.clone()) else { return };
-        let count = trials.len().min(POLISHED);
+        let count = trials.iter().take(POLISHED).filter(|t| t.gain > 0.5 * trials[0].gain).count();
         trials[..count].par_iter_mut().for_each(|trial| {
             let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
             let finer = trial.hypothesis.polished(&noise, &context.floors, limits);
@@ -335,6 +359,43 @@ fn at_zero(trial: &Trial) -> bool {
     effect.values.iter().all(|v| v.value == 0.0)
 }
 
+/// Candidates of a round, best first, that are asked whether they are believed.
+const TRIED: usize = 3;
+
+/// True if `trial` is worth it and holds on recordings that it was not fitted to.
+fn believed(now: &Hypothesis, trial: &Trial, explained: f64, context: &Context, said: &mut impl FnMut(&str)) -> bool {
+    if !is_worth(now, trial, explained, context) {
+        return false;
+    }
+    let Some(kept) = kept_when_left_out(now, &trial.hypothesis, &context.floors) else { return true };
+    said(&format!("   {} keeps {:.2} of its gain on recordings left out", trial.candidate.effect, kept));
+    kept >= LEAST_KEPT || trial.candidate.only.is_some()
+}
+
+/// Smallest part of its gain that an effect must keep on recordings that it was not fitted to.
+const LEAST_KEPT: f64 = 0.25;
+
+/// An effect that is the limit of another: the other, with one number more, must gain clearly more to be believed.
+const LIMITS_OF: &[(&str, &str)] = &[("torque_offset", "parallel_spring"), ("coulomb_friction", "stribeck_friction")];
+
+/// Part of the richer effect's gain that is enough for the simpler one.
+const ENOUGH: f64 = 0.95;
+
+/// Where a simpler limit of the leader gains nearly as much, the leader goes: what is left may still be added.
+fn simplest_first(trials: &mut Vec<Trial>) {
+    let Some(leader) = trials.first() else { return };
+    let simple = LIMITS_OF.iter().filter(|(_, rich)| *rich == leader.candidate.effect).find_map(|(simple, _)| {
+        let close = |t: &Trial| {
+            t.candidate.effect == *simple && t.candidate.at == leader.candidate.at && t.gain >= ENOUGH * leader.gain
+        };
+        trials.iter().position(close)
+    });
+    if let Some(i) = simple {
+        let simple = trials.remove(i);
+        trials[0] = simple;
+    }
+}
+
 /// Forward selection from `base`: what was added, the final hypothesis, and the last round that brought nothing.
 pub fn forward(
     base: &Hypothesis,
@@ -365,10 +426,15 @@ pub fn forward(
                 t.candidate.effect, t.candidate.at, t.gain, energy, context.samples, values
             ));
         }
-        if added.len() >= MOST || !is_worth(&now, first, explained, context) {
+        if added.len() >= MOST {
             return (now, added, trials);
         }
-        let best = trials.remove(0);
+        simplest_first(&mut trials);
+        let Some(i) = (0..trials.len().min(TRIED)).find(|i| believed(&now, &trials[*i], explained, context, &mut said))
+        else {
+            return (now, added, trials);
+        };
+        let best = trials.remove(i);
         explained += best.gain;
         let share = removed(&now, &best.hypothesis, context);
         added.push(Added { candidate: best.candidate, others: trials, gain: best.gain, removed: share });

@@ -118,7 +118,10 @@ pub fn library(scales: &Scales) -> Vec<Candidate> {
         if joint.driven {
             all.extend(transmission(joint));
         }
-        all.extend(structure(joint));
+        // A mode stands at a link; the hip of a compass gait has none of its own.
+        if joint.name != "hip" {
+            all.extend(structure(joint));
+        }
     }
     for actuator in &scales.actuators {
         all.extend(drive(actuator, scales));

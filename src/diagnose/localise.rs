@@ -2,6 +2,7 @@
 //!
 //! RT: no.
 
+use crate::diagnose::narrow::narrowed;
 use crate::diagnose::verdict::{Place, Trace};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::model::effect::EffectKind;
@@ -35,7 +36,18 @@ pub fn places(experiment: &Experiment, traces: &[Trace], explained: &Rig, added:
             }
         }
     }
-    ranked(spans, traces, added.is_empty())
+    let found = ranked(spans, traces, added.is_empty());
+    found.into_iter().map(|place| closer(experiment, traces, place, added.is_empty())).collect()
+}
+
+/// A place with phase, region and band where they narrow it.
+fn closer(experiment: &Experiment, traces: &[Trace], place: Place, unexplained: bool) -> Place {
+    let trace = traces.iter().find(|t| t.recording == place.recording && t.channel == place.channel);
+    let recording = experiment.recordings.iter().find(|r| r.name == place.recording);
+    let sensor = experiment.rig.sensors.iter().find(|s| s.column == place.channel);
+    let (Some(trace), Some(recording), Some(sensor)) = (trace, recording, sensor) else { return place };
+    let coordinate = experiment.rig.mechanism.coordinates()[sensor.joint];
+    narrowed(place, trace, &mismatch(trace, unexplained), recording, (sensor, coordinate))
 }
 
 /// What is missing in the refitted simulation, row by row.

@@ -7,11 +7,15 @@
 pub mod attribute;
 pub mod base;
 pub mod candidates;
+pub mod flexible;
+pub mod folds;
 pub mod generator;
 pub mod hypothesis;
+pub mod laws;
 pub mod likelihood;
 pub mod linearise;
 pub mod localise;
+pub mod narrow;
 pub mod own;
 pub mod pipeline;
 pub mod propose;

@@ -5,6 +5,7 @@
 use crate::diagnose::attribute::{Added, Context, Trial, compare, contested, forward, worth};
 use crate::diagnose::base::{as_given, drop_spikes, fit_recordings, fitted, floors};
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::laws;
 use crate::diagnose::likelihood::{samples, white};
 use crate::diagnose::linearise::tangents;
 use crate::diagnose::localise::places;
@@ -16,7 +17,7 @@ use crate::diagnose::sentence;
 use crate::diagnose::sets::{answered, rejected};
 use crate::diagnose::tables::{headline, parameter_lines, ranking, undetermined_combinations};
 use crate::diagnose::unlisted::{Unlisted, unexplained};
-use crate::diagnose::verdict::{Diagnosis, Findings, Missing, Verdict, verdict_of};
+use crate::diagnose::verdict::{Diagnosis, Findings, Law, Missing, Trace, Verdict, verdict_of};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
 use crate::identify::rollout::{Pooled, RolloutError};
@@ -143,6 +144,13 @@ impl Found {
         if self.added.is_empty() { &self.base } else { &self.found }
     }
 
+    /// The residual force that nothing explains, then the laws that were found.
+    fn laws(&self, experiment: &Experiment, traces: &[Trace]) -> Vec<Law> {
+        let mut out: Vec<Law> = self.rest.as_ref().map(|u| u.laws.clone()).unwrap_or_default();
+        out.extend(laws::found(self.explained(), experiment.rig.effects.len(), traces));
+        out
+    }
+
     fn model(&self, experiment: &Experiment) -> Rig {
         let keep_given = self.added.is_empty() && !self.refit_needed && !self.is_unlisted();
         if keep_given { experiment.rig.clone() } else { self.explained().rig.clone() }
@@ -167,7 +175,11 @@ impl Found {
         let mut places = places(experiment, &traces, &explained.rig, added);
         if !verdict.is_mismatch() {
             places.clear();
-        } else if let Some(u) = &self.rest {
+        } else if let Some(u) = self.rest.as_ref().filter(|u| !u.places.is_empty()) {
+            // Where the nameless force acts says more than where its traces are seen.
+            if self.added.is_empty() {
+                places.clear();
+            }
             places.splice(0..0, u.places.iter().cloned());
         }
         let diagnosis = Diagnosis {
@@ -187,7 +199,7 @@ impl Found {
             ranking: ranking(&self.base, &self.added, last, context),
             parameters: parameter_lines(&self.given, &self.base, explained),
             undetermined: undetermined_combinations(explained),
-            laws: self.rest.as_ref().map(|u| u.laws.clone()).unwrap_or_default(),
+            laws: self.laws(experiment, &traces),
             diagnosis,
             traces,
             warnings,

@@ -3,11 +3,13 @@
 //! RT: no.
 
 use crate::diagnose::candidates::{Candidate, Key, Scales, library};
+use crate::diagnose::flexible::flexibility;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::scan::{Hit, jump, push, ripple};
 use crate::diagnose::screen::Screen;
 use crate::diagnose::tangent::Tangent;
 use crate::model::effect::EffectKind;
+use crate::model::rig::MechanismKind;
 
 /// Largest number of periods per turn (or per travel) of a torque ripple that is looked for.
 const MOST_PERIODS: usize = 60;
@@ -16,6 +18,9 @@ const MOST_PERIODS: usize = 60;
 #[must_use]
 pub fn candidates(now: &Hypothesis, scales: &Scales, screen: &Screen, windows: &[Tangent]) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = library(scales).into_iter().filter(|c| !stands(now, c)).collect();
+    for candidate in all.iter_mut().filter(|c| c.effect == "link_flexibility") {
+        start_at_lines(candidate, now, scales, screen, windows);
+    }
     for (j, _) in scales.joints.iter().enumerate() {
         all.extend(ripple_candidate(scales, screen, windows, j));
         all.extend(push_candidate(now, scales, screen, windows, j));
@@ -34,6 +39,22 @@ fn stands(now: &Hypothesis, candidate: &Candidate) -> bool {
     let twin = candidate.effect == "friction_asymmetry"
         && now.rig.effects.iter().any(|e| e.kind == EffectKind::TorqueOffset && e.at == candidate.at);
     twin || here.into_iter().any(|e| e.values.iter().any(|v| v.is_free()))
+}
+
+/// A structural mode has a narrow line: a coarse grid would miss it, so it starts where a dense scan finds one.
+fn start_at_lines(candidate: &mut Candidate, now: &Hypothesis, scales: &Scales, screen: &Screen, windows: &[Tangent]) {
+    let Some(j) = scales.joints.iter().position(|j| j.name == candidate.at) else { return };
+    // The second link of a chain turns by the sum of both angles.
+    let chain = now.rig.mechanism == MechanismKind::DoublePendulum && j == 1;
+    let absolute = if chain { vec![0, 1] } else { vec![j] };
+    let clamped = |i: usize, x: f64| x.clamp(candidate.keys[i].min, candidate.keys[i].max);
+    let start = |hit: &Hit<(f64, f64)>| {
+        vec![clamped(0, hit.at.0), clamped(1, hit.at.1), clamped(2, hit.score.amplitudes[0].clamp(0.003, 0.5))]
+    };
+    let starts: Vec<Vec<f64>> = flexibility(screen, windows, &scales.joints[j], &absolute).iter().map(start).collect();
+    if !starts.is_empty() {
+        candidate.starts = starts;
+    }
 }
 
 /// Orders worth trying: whole numbers per turn; on a rail, whole numbers per travel.

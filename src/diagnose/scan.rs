@@ -7,9 +7,6 @@ use crate::diagnose::screen::{Column, Score, Screen};
 use crate::diagnose::tangent::{Tangent, force_column, local_force, reading_column};
 use rayon::prelude::*;
 
-/// Knots of a free curve over angle or rate: fine enough for a cogging of order 10 per travel, coarse enough for noise.
-const KNOTS: usize = 40;
-
 /// A hit of a scan: where on the grid, and what it gains.
 #[derive(Clone, Debug)]
 pub struct Hit<T> {
@@ -115,9 +112,9 @@ fn range(windows: &[Tangent], value: impl Fn(&Tangent, usize) -> f64) -> (f64, f
     (at(0.002), at(0.998))
 }
 
-/// The free force curve at `joint` over angle or rate, all recordings together.
+/// The free force curve at `joint` over angle or rate with so many knots, all recordings together.
 #[must_use]
-pub fn state_curve(screen: &Screen, windows: &[Tangent], joint: usize, over: Over) -> Option<Curve> {
+pub fn state_curve(screen: &Screen, windows: &[Tangent], joint: usize, over: Over, count: usize) -> Option<Curve> {
     let coordinates = windows.first()?.states.first()?.len() / 2;
     let index = if over == Over::Angle { joint } else { coordinates + joint };
     let value = |w: &Tangent, k: usize| w.states[k][index];
@@ -125,8 +122,8 @@ pub fn state_curve(screen: &Screen, windows: &[Tangent], joint: usize, over: Ove
     if high - low <= 0.0 || !(high - low).is_finite() {
         return None;
     }
-    let knots: Vec<f64> = (0..KNOTS).map(|i| low + (high - low) * i as f64 / (KNOTS - 1) as f64).collect();
-    let columns: Vec<Column> = (0..KNOTS)
+    let knots: Vec<f64> = (0..count).map(|i| low + (high - low) * i as f64 / (count - 1) as f64).collect();
+    let columns: Vec<Column> = (0..count)
         .into_par_iter()
         .map(|i| force_column(windows, joint, |w, k| hat(&knots, i, value(w, k).clamp(low, high))))
         .collect();

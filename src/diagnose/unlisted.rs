@@ -4,6 +4,7 @@
 
 use crate::diagnose::attribute::Context;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::laws::band_95;
 use crate::diagnose::linearise::tangents;
 use crate::diagnose::scan::{Curve, Over, state_curve, time_curve, vibration};
 use crate::diagnose::screen::Screen;
@@ -33,6 +34,12 @@ struct Pattern {
     curve: Option<Curve>,
     interval: Option<(usize, f64, f64)>,
 }
+
+/// Most curves of the residual force that the report shows.
+const SHOWN: usize = 2;
+
+/// Knots of a free curve over position or rate: smooth laws, and narrow ones (a detent, a magnet).
+const KNOTS: [usize; 2] = [40, 120];
 
 /// Looks for structure that the found effects do not explain: more than they do on the base alone (then they only
 /// mimic something else and the second result is true), or on top of them.
@@ -74,7 +81,12 @@ fn structure(of: &Hypothesis, said: &mut impl FnMut(&str)) -> Option<(Unlisted, 
         one_of: vec![Member { effect: "unlisted".into(), at: at.into(), weight: 1.0, parameters: BTreeMap::new() }],
         sentence,
     };
-    let laws = patterns.iter().filter_map(|p| p.curve.as_ref()).take(2).map(|c| law(of, c)).collect();
+    let mut laws: Vec<Law> = Vec::new();
+    for law in patterns.iter().filter_map(|p| p.curve.as_ref()).map(|c| law(of, c)) {
+        if laws.len() < SHOWN && laws.iter().all(|l| l.title != law.title) {
+            laws.push(law);
+        }
+    }
     Some((Unlisted { entry, laws, places: located(of, best) }, excess(best)))
 }
 
@@ -99,15 +111,15 @@ fn patterns(rig: &Rig, screen: &Screen, windows: &[Tangent]) -> Vec<Pattern> {
     let mut out = Vec::new();
     for (joint, name) in names.iter().enumerate() {
         for (over, what) in [(Over::Angle, "position"), (Over::Rate, "rate")] {
-            if let Some(curve) = state_curve(screen, windows, joint, over) {
-                out.push(Pattern {
+            for knots in KNOTS {
+                out.extend(state_curve(screen, windows, joint, over, knots).map(|curve| Pattern {
                     joint,
                     over: format!("the {what} of {name}"),
                     gain: curve.score.gain,
                     numbers: curve.knots.len(),
                     curve: Some(curve),
                     interval: None,
-                });
+                }));
             }
         }
         out.extend(vibration_pattern(screen, windows, joint));
@@ -136,7 +148,25 @@ fn time_pattern(screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Pa
     let gain = curves.iter().map(|c| c.score.gain).sum();
     let numbers = curves.iter().map(|c| c.knots.len()).sum();
     let best = curves.into_iter().max_by(|a, b| a.score.gain.total_cmp(&b.score.gain))?;
-    Some(Pattern { joint, over: "time".into(), gain, numbers, interval: None, curve: Some(best) })
+    let interval = if best.score.gain > 0.6 * gain { busy(&best) } else { None };
+    Some(Pattern { joint, over: "time".into(), gain, numbers, interval, curve: Some(best) })
+}
+
+/// The part of a recording in which nearly all of a force over time acts, if it is a part.
+fn busy(curve: &Curve) -> Option<(usize, f64, f64)> {
+    let weigh = |(a, s): (&f64, &f64)| if *s > 0.0 { (a / s).powi(2).clamp(1.0, 1e6) - 1.0 } else { 0.0 };
+    let energy: Vec<f64> = curve.score.amplitudes.iter().zip(&curve.score.deviations).map(weigh).collect();
+    let total: f64 = energy.iter().sum();
+    let reached = |part: f64| {
+        let mut sum = 0.0;
+        energy.iter().position(|e| {
+            sum += e;
+            sum >= part * total
+        })
+    };
+    let (first, last) = (reached(0.03)?, reached(0.97)?);
+    let is_part = last - first < energy.len() * 4 / 5;
+    is_part.then_some((curve.recording?, curve.knots[first], curve.knots[last]))
 }
 
 fn law(found: &Hypothesis, curve: &Curve) -> Law {
@@ -153,8 +183,8 @@ fn law(found: &Hypothesis, curve: &Curve) -> Law {
         y_label: "torque or force (Nm or N)".into(),
         x: curve.knots.clone(),
         y: y.clone(),
-        low: y.iter().zip(s).map(|(a, b)| a - 1.96 * b).collect(),
-        high: y.iter().zip(s).map(|(a, b)| a + 1.96 * b).collect(),
+        low: y.iter().zip(s).map(|(a, b)| a - band_95() * b).collect(),
+        high: y.iter().zip(s).map(|(a, b)| a + band_95() * b).collect(),
     }
 }
 
