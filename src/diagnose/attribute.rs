@@ -10,6 +10,7 @@ use crate::diagnose::folds::kept_when_left_out;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{Difference, blocks, difference, white};
 use crate::diagnose::screen::{Column, Screen};
+use crate::diagnose::unlisted::{PATCHES, is_patch};
 use crate::identify::fit::{FreeRuns, Limits, Series};
 use crate::identify::noise::Colour;
 use crate::model::effect::EffectKind;
@@ -359,6 +360,10 @@ fn at_zero(trial: &Trial) -> bool {
     effect.values.iter().all(|v| v.value == 0.0)
 }
 
+fn is_patched(now: &Hypothesis, candidate: &Candidate) -> bool {
+    EffectKind::from_id(candidate.effect).is_some_and(|kind| is_patch(&now.rig, kind))
+}
+
 /// Candidates of a round, best first, that are asked whether they are believed.
 const TRIED: usize = 3;
 
@@ -426,7 +431,8 @@ pub fn forward(
                 t.candidate.effect, t.candidate.at, t.gain, energy, context.samples, values
             ));
         }
-        if added.len() >= MOST {
+        let patches = added.iter().filter(|a| is_patched(&now, &a.candidate)).count();
+        if added.len() >= MOST || patches >= PATCHES {
             return (now, added, trials);
         }
         simplest_first(&mut trials);

@@ -192,8 +192,8 @@ fn forces(j: &JointScale) -> Vec<Candidate> {
 fn transmission(j: &JointScale) -> Vec<Candidate> {
     let (tau, pi) = (2.0 * std::f64::consts::PI, std::f64::consts::PI);
     let mut elastic = Vec::new();
-    for share in [0.15, 0.5] {
-        for hz in [4.0, 10.0, 25.0, 60.0] {
+    for share in [0.05, 0.2, 0.5] {
+        for hz in [4.0, 9.0, 18.0, 36.0, 75.0] {
             let rotor = share * j.inertia;
             let reduced = rotor * (1.0 - share);
             let stiffness = reduced * (tau * hz) * (tau * hz);

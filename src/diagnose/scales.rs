@@ -66,17 +66,18 @@ fn joint(of: &Hypothesis, windows: &[Tangent], j: usize) -> JointScale {
     JointScale { name: name.into(), torque, rate, travel, inertia, coulomb, driven: !driven.is_empty(), turns }
 }
 
-/// Inertia that a force at joint `j` feels: median over the rows of time over change of rate.
+/// Inertia that a force at joint `j` feels: median over the rows of time over change of rate, where it moves at all (a
+/// set-up may hold the joint).
 fn inertia(windows: &[Tangent], j: usize) -> f64 {
-    let mut all = Vec::new();
+    let mut all: Vec<(f64, f64)> = Vec::new();
     for w in windows {
         for k in (0..w.rows().saturating_sub(1)).step_by(7) {
             // Of the joint's own column the largest response counts: that of a rate, a row being short.
-            let change = w.gamma[k].column(j).amax();
-            if change > 0.0 {
-                all.push((w.t_s[k + 1] - w.t_s[k]) / change);
-            }
+            all.push((w.gamma[k].column(j).amax(), w.t_s[k + 1] - w.t_s[k]));
         }
     }
-    if all.is_empty() { 1.0 } else { median(&all) }
+    let most = all.iter().map(|(change, dt)| change / dt).fold(0.0, f64::max);
+    let moving = all.iter().filter(|(change, dt)| change / dt > 1e-3 * most).map(|(change, dt)| dt / change);
+    let moving: Vec<f64> = moving.collect();
+    if moving.is_empty() { 1.0 } else { median(&moving) }
 }

@@ -11,7 +11,9 @@ use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
 use crate::diagnose::tangent::Tangent;
 use crate::diagnose::verdict::{Law, Member, Missing, Place};
-use crate::model::rig::Rig;
+use crate::identify::noise::{Colour, loss};
+use crate::model::effect::EffectKind;
+use crate::model::rig::{MechanismKind, Rig};
 use std::collections::BTreeMap;
 
 /// A mismatch without a name.
@@ -55,16 +57,61 @@ pub fn unexplained(
     // Healthy cases stay below 20.
     let bar = (0.015 * context.samples as f64).max(80.0);
     let (on_base, excess_base) = structure(base, &mut said)?;
-    said(&format!("  ... listed effects gain {listed:.0} in the same measure"));
-    if excess_base > bar && excess_base > 1.25 * listed + 60.0 {
+    let removed = 1.0 - energy(found, base) / energy(base, base);
+    said(&format!(
+        "  ... listed effects gain {listed:.0} in the same measure, they remove {removed:.2} of the squares"
+    ));
+    let mimicry = patches(found, base) >= PATCHES && excess_base > 0.8 * listed;
+    let stronger = removed < MOST && excess_base > 1.25 * listed + 60.0;
+    if excess_base > bar && (mimicry || stronger) {
         return Some((on_base, true));
     }
-    if excess_base < bar || found.rig == base.rig {
+    if excess_base < bar || found.rig == base.rig || removed >= MOST {
         return None;
     }
     let (on_found, excess_found) = structure(found, &mut said)?;
     // What is left may be the imperfect form of a right effect.
     (excess_found > bar.max(0.3 * listed)).then_some((on_found, false))
+}
+
+/// Listed effects that remove this part of all squares are the explanation; what is left is the finish of their form.
+const MOST: f64 = 0.8;
+
+/// So many effects of [`is_patch`] at once are a poor man's free curve.
+pub const PATCHES: usize = 2;
+
+/// True for effects that fit a piece of anything: single events, and a ripple of any wavelength on a rail.
+#[must_use]
+pub fn is_patch(rig: &Rig, kind: EffectKind) -> bool {
+    match kind {
+        EffectKind::ExternalPush | EffectKind::LostCounts => true,
+        EffectKind::TorqueRipple => rig.mechanism == MechanismKind::Slider,
+        _ => false,
+    }
+}
+
+/// How many of the effects that `found` adds to `base` are patches.
+fn patches(found: &Hypothesis, base: &Hypothesis) -> usize {
+    found.rig.effects[base.rig.effects.len()..].iter().filter(|e| is_patch(&found.rig, e.kind)).count()
+}
+
+/// Squares of the residual in units of the spread that `base` leaves, outliers pulled in by the loss.
+fn energy(of: &Hypothesis, base: &Hypothesis) -> f64 {
+    let unit = |(runs, colour): (&Vec<Vec<f64>>, &Colour)| {
+        let scale = if colour.sigma.is_finite() { 1.0 / colour.sigma } else { 0.0 };
+        runs.iter().flatten().map(|x| loss(x * scale)).sum::<f64>()
+    };
+    let sizes: Vec<Colour> = base
+        .residuals
+        .iter()
+        .zip(&base.noise)
+        .map(|(runs, colour)| {
+            let count = runs.iter().map(Vec::len).sum::<usize>().max(1) as f64;
+            let rms = libm::sqrt(runs.iter().flatten().map(|x| x * x).sum::<f64>() / count);
+            Colour::white(if colour.sigma.is_finite() { rms } else { f64::INFINITY })
+        })
+        .collect();
+    of.residuals.iter().zip(&sizes).map(unit).sum::<f64>().max(1e-12)
 }
 
 /// The free force that explains most of what `of` leaves, and its gain beyond chance.
