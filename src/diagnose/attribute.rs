@@ -8,7 +8,7 @@
 use crate::diagnose::candidates::{Candidate, look_alike};
 use crate::diagnose::folds::kept_when_left_out;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::likelihood::{Difference, blocks, difference, white};
+use crate::diagnose::likelihood::{Difference, blocks, difference, is_misfit, white};
 use crate::diagnose::screen::{Column, Screen};
 use crate::diagnose::unlisted::{PATCHES, is_patch};
 use crate::identify::fit::{FreeRuns, Limits, Series};
@@ -291,7 +291,10 @@ pub fn is_worth(base: &Hypothesis, trial: &Trial, explained_before: f64, context
     let sure = compare(&trial.hypothesis, base, context);
     // A second effect must not live off the first one's imperfect form.
     let share = trial.gain >= 0.04 * explained_before;
-    trial.gain > worth(context, trial.candidate.keys.len()) && sure.low > 0.0 && share && !at_zero(trial)
+    // Against smooth misfit chance has no measure: a tenth of the squares is the least that a user would notice.
+    let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
+    let noticed = !misfit || trial.gain > 0.1 * context.samples as f64;
+    trial.gain > worth(context, trial.candidate.keys.len()) && sure.low > 0.0 && share && noticed && !at_zero(trial)
 }
 
 /// Swap and backward: every effect of `found` is exchanged for its close rivals in the company of the others, and

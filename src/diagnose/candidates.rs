@@ -227,7 +227,7 @@ fn transmission(j: &JointScale) -> Vec<Candidate> {
 
 fn structure(j: &JointScale) -> Vec<Candidate> {
     let keys =
-        vec![decades("frequency", 0.5, 150.0), decades("damping", 0.002, 0.5), linear("participation", 0.0, 0.9)];
+        vec![decades("frequency", 1.5, 150.0), decades("damping", 0.002, 0.5), linear("participation", 0.0, 0.9)];
     let starts = [3.0, 6.0, 12.0, 25.0, 50.0].iter().map(|f| vec![*f, 0.03, 0.03]).collect();
     vec![candidate("link_flexibility", &j.name, keys, starts)]
 }

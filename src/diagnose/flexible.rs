@@ -14,8 +14,8 @@ use rayon::prelude::*;
 /// Ratio of neighbouring frequencies: a mode of 4 % damping is as wide.
 const RATIO: f64 = 1.05;
 
-/// Lowest frequency, Hz.
-const LOWEST_HZ: f64 = 1.0;
+/// Lowest frequency, Hz: slower modes are motions of the mechanism.
+const LOWEST_HZ: f64 = 2.0;
 
 /// Damping ratios.
 const DAMPINGS: [f64; 2] = [0.02, 0.08];

@@ -28,9 +28,36 @@ pub fn colours(residuals: &Residuals, floors: &[f64], rig: &Rig) -> Vec<Colour> 
             if !floor.is_finite() {
                 return MUTE;
             }
-            declared(runs, *floor, sensor).unwrap_or_else(|| estimate(runs, *floor))
+            declared(runs, *floor, sensor).unwrap_or_else(|| shown(runs, *floor))
         })
         .collect()
+}
+
+/// A residual whose innovations are below this part of it is a smooth misfit, not noise: first-order noise would need a
+/// pole beyond .993. Whitened, such a residual would be judged by its finest wiggles alone.
+const SMOOTH: f64 = 0.12;
+
+/// Noise as the residual shows it.
+fn shown(runs: &[Vec<f64>], floor: f64) -> Colour {
+    let colour = estimate(runs, floor);
+    if is_smooth(runs, &colour) { white_of(runs, floor) } else { colour }
+}
+
+fn is_smooth(runs: &[Vec<f64>], colour: &Colour) -> bool {
+    let all: Vec<f64> = runs.iter().flatten().copied().collect();
+    colour.sigma < SMOOTH * robust_spread(&all)
+}
+
+/// True if what `residuals` leave is smooth misfit rather than noise on any channel that carries weight.
+#[must_use]
+pub fn is_misfit(residuals: &Residuals, floors: &[f64]) -> bool {
+    let one = |(runs, floor): (&Vec<Vec<f64>>, &f64)| floor.is_finite() && is_smooth(runs, &estimate(runs, *floor));
+    residuals.iter().zip(floors).any(one)
+}
+
+fn white_of(runs: &[Vec<f64>], floor: f64) -> Colour {
+    let all: Vec<f64> = runs.iter().flatten().copied().collect();
+    Colour::white(robust_spread(&all).max(floor))
 }
 
 /// A residual whose sample-to-sample scatter is below this part of the declared noise is coloured noise: what is slow
@@ -69,8 +96,7 @@ const MUTE: Colour = Colour::white(f64::INFINITY);
 #[must_use]
 pub fn white(residuals: &Residuals, floors: &[f64]) -> Vec<Colour> {
     let one = |(runs, floor): (&Vec<Vec<f64>>, &f64)| {
-        let all: Vec<f64> = runs.iter().flatten().copied().collect();
-        if floor.is_finite() { Colour::white(robust_spread(&all).max(*floor)) } else { MUTE }
+        if floor.is_finite() { white_of(runs, *floor) } else { MUTE }
     };
     residuals.iter().zip(floors).map(one).collect()
 }

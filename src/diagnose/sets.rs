@@ -80,7 +80,9 @@ fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), contex
     let d = compare(winner, &trial.hypothesis, context);
     let inseparable = d.total < APART * d.std || d.total < FORM * gain;
     // A trial of an earlier round has fewer effects than the winner: it says nothing in this company.
-    let comparable = trial.hypothesis.rig.effects.len() == winner.rig.effects.len();
+    // One number more and no better: the simpler one says the same.
+    let simple = trial.candidate.keys.len() <= winner.rig.effects[place].kind.keys().len();
+    let comparable = simple && trial.hypothesis.rig.effects.len() == winner.rig.effects.len();
     (inseparable && comparable && trial.gain > 0.5 * gain).then(|| (member(&trial.hypothesis, place), weight(d, gain)))
 }
 

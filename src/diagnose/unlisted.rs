@@ -5,6 +5,7 @@
 use crate::diagnose::attribute::Context;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::laws::band_95;
+use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::linearise::tangents;
 use crate::diagnose::scan::{Curve, Over, state_curve, time_curve, vibration};
 use crate::diagnose::screen::Screen;
@@ -25,6 +26,8 @@ pub struct Unlisted {
     pub laws: Vec<Law>,
     /// Where it lives.
     pub places: Vec<Place>,
+    /// True if its force goes with time, not with the state.
+    pub over_time: bool,
 }
 
 /// One way in which a free force could go with something.
@@ -56,26 +59,32 @@ pub fn unexplained(
     // Half of what a listed effect needs per sample: under the base's own noise most of a mismatch passes for colour.
     // Healthy cases stay below 20.
     let bar = (0.015 * context.samples as f64).max(80.0);
-    let (on_base, excess_base) = structure(base, &mut said)?;
+    let (on_base, excess_base) = structure(base, true, &mut said)?;
+    let misfit = |h: &Hypothesis| is_misfit(&h.residuals, &context.floors);
+    // A free force over time explains any smooth misfit; a listed effect that removes a good part of it says more.
+    let enough = if on_base.over_time && misfit(base) { SOME } else { MOST };
     let removed = 1.0 - energy(found, base) / energy(base, base);
     said(&format!(
         "  ... listed effects gain {listed:.0} in the same measure, they remove {removed:.2} of the squares"
     ));
     let mimicry = patches(found, base) >= PATCHES && excess_base > 0.8 * listed;
-    let stronger = removed < MOST && excess_base > 1.25 * listed + 60.0;
+    let stronger = removed < enough && excess_base > 1.25 * listed + 60.0;
     if excess_base > bar && (mimicry || stronger) {
         return Some((on_base, true));
     }
-    if excess_base < bar || found.rig == base.rig || removed >= MOST {
+    if excess_base < bar || found.rig == base.rig || removed >= enough {
         return None;
     }
-    let (on_found, excess_found) = structure(found, &mut said)?;
+    let (on_found, excess_found) = structure(found, !misfit(found), &mut said)?;
     // What is left may be the imperfect form of a right effect.
     (excess_found > bar.max(0.3 * listed)).then_some((on_found, false))
 }
 
 /// Listed effects that remove this part of all squares are the explanation; what is left is the finish of their form.
 const MOST: f64 = 0.8;
+
+/// The same against a force over time where the misfit is smooth.
+const SOME: f64 = 0.4;
 
 /// So many effects of [`is_patch`] at once are a poor man's free curve.
 pub const PATCHES: usize = 2;
@@ -115,10 +124,11 @@ fn energy(of: &Hypothesis, base: &Hypothesis) -> f64 {
 }
 
 /// The free force that explains most of what `of` leaves, and its gain beyond chance.
-fn structure(of: &Hypothesis, said: &mut impl FnMut(&str)) -> Option<(Unlisted, f64)> {
+fn structure(of: &Hypothesis, with_time: bool, said: &mut impl FnMut(&str)) -> Option<(Unlisted, f64)> {
     let windows = tangents(of)?;
     let screen = Screen::new(&of.problem, &of.point, &of.noise)?;
     let mut patterns = patterns(&of.rig, &screen, &windows);
+    patterns.retain(|p| with_time || !p.is_over_time());
     patterns.sort_by(|a, b| excess(b).total_cmp(&excess(a)));
     let best = patterns.first()?;
     said(&format!("free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
@@ -134,7 +144,14 @@ fn structure(of: &Hypothesis, said: &mut impl FnMut(&str)) -> Option<(Unlisted, 
             laws.push(law);
         }
     }
-    Some((Unlisted { entry, laws, places: located(of, best) }, excess(best)))
+    Some((Unlisted { entry, laws, places: located(of, best), over_time: best.is_over_time() }, excess(best)))
+}
+
+impl Pattern {
+    /// True if the force goes with nothing but time.
+    fn is_over_time(&self) -> bool {
+        self.curve.as_ref().is_none_or(|c| c.over == Over::Time)
+    }
 }
 
 /// Gain beyond three times what its numbers bring by chance.
