@@ -404,49 +404,85 @@ fn simplest_first(trials: &mut Vec<Trial>) {
     }
 }
 
-/// Forward selection from `base`: what was added, the final hypothesis, and the last round that brought nothing.
+/// What a forward selection comes to.
+pub struct Selection {
+    /// The base, better than it was if a candidate led it out of a false minimum.
+    pub base: Hypothesis,
+    /// With everything that was added.
+    pub found: Hypothesis,
+    /// What was added, in order.
+    pub added: Vec<Added>,
+    /// The last round, which brought nothing.
+    pub last: Vec<Trial>,
+}
+
+/// How often a selection may start again from a better base.
+const RESTARTS: usize = 3;
+
+/// Part of a candidate's gain that stays when it is taken out again, from which the gain was not its own.
+const NOT_ITS_OWN: f64 = 0.5;
+
+/// `now` fitted again from where `trial` stands, its effect taken out; `None` if the effect is what brings the gain.
+///
+/// A fit that ended in a false minimum is improved by anything that shakes it (a touchdown one row off, a stick that
+/// should slip): without this check such a candidate would be named on a healthy machine.
+fn shaken_free(now: &Hypothesis, trial: &Trial, context: &Context) -> Option<Hypothesis> {
+    let without = left_out(&trial.hypothesis, now.rig.effects.len(), context)?;
+    let total = |h: &Hypothesis| -> f64 { h.blocks(&trial.hypothesis.noise).iter().sum() };
+    let (before, after, with) = (total(now), total(&without), total(&trial.hypothesis));
+    (after - before > NOT_ITS_OWN * (with - before)).then_some(without)
+}
+
+/// Forward selection from `base`.
 pub fn forward(
     base: &Hypothesis,
     mut library: impl FnMut(&Hypothesis) -> Vec<Candidate>,
     context: &Context,
     mut said: impl FnMut(&str),
-) -> (Hypothesis, Vec<Added>, Vec<Trial>) {
-    let mut now = base.clone();
-    let mut added: Vec<Added> = Vec::new();
-    let mut explained = 0.0;
+) -> Selection {
+    let mut all = Selection { base: base.clone(), found: base.clone(), added: Vec::new(), last: Vec::new() };
+    let (mut explained, mut restarts) = (0.0, 0);
     loop {
-        let candidates = library(&now);
+        let candidates = library(&all.found);
         said(&format!("{} candidates", candidates.len()));
-        let mut trials = round(&now, &candidates, context, &mut said);
-        let Some(first) = trials.first() else { return (now, added, trials) };
-        for t in trials.iter().take(6) {
-            let values: Vec<f64> =
-                t.hypothesis.rig.effects.last().map(|e| e.values.iter().map(|v| v.value).collect()).unwrap_or_default();
-            let energy: f64 = t
-                .hypothesis
-                .residuals
-                .iter()
-                .zip(&first.hypothesis.noise)
-                .map(|(r, c)| r.iter().flatten().map(|x| (x / c.sigma).powi(2)).sum::<f64>())
-                .sum();
-            said(&format!(
-                "   {:20} {:12} gain {:9.1} energy {:9.0} of {} {:?}",
-                t.candidate.effect, t.candidate.at, t.gain, energy, context.samples, values
-            ));
+        all.last = round(&all.found, &candidates, context, &mut said);
+        tell(&all.last, context, &mut said);
+        let patches = all.added.iter().filter(|a| is_patched(&all.found, &a.candidate)).count();
+        if all.added.len() >= MOST || patches >= PATCHES {
+            return all;
         }
-        let patches = added.iter().filter(|a| is_patched(&now, &a.candidate)).count();
-        if added.len() >= MOST || patches >= PATCHES {
-            return (now, added, trials);
-        }
-        simplest_first(&mut trials);
-        let Some(i) = (0..trials.len().min(TRIED)).find(|i| believed(&now, &trials[*i], explained, context, &mut said))
+        simplest_first(&mut all.last);
+        let asked = 0..all.last.len().min(TRIED);
+        let Some(i) = asked.into_iter().find(|i| believed(&all.found, &all.last[*i], explained, context, &mut said))
         else {
-            return (now, added, trials);
+            return all;
         };
-        let best = trials.remove(i);
+        if restarts < RESTARTS
+            && let Some(better) = shaken_free(&all.found, &all.last[i], context)
+        {
+            said(&format!("   {} only shook the fit free: again from there", all.last[i].candidate.effect));
+            restarts += 1;
+            if all.added.is_empty() {
+                all.base = better.clone();
+            }
+            all.found = better;
+            continue;
+        }
+        let best = all.last.remove(i);
         explained += best.gain;
-        let share = removed(&now, &best.hypothesis, context);
-        added.push(Added { candidate: best.candidate, others: trials, gain: best.gain, removed: share });
-        now = best.hypothesis;
+        let share = removed(&all.found, &best.hypothesis, context);
+        let others = std::mem::take(&mut all.last);
+        all.added.push(Added { candidate: best.candidate, others, gain: best.gain, removed: share });
+        all.found = best.hypothesis;
+    }
+}
+
+/// Says how the candidates of a round did.
+fn tell(trials: &[Trial], context: &Context, said: &mut impl FnMut(&str)) {
+    for t in trials.iter().take(6) {
+        let effect = t.hypothesis.rig.effects.last();
+        let values: Vec<f64> = effect.map(|e| e.values.iter().map(|v| v.value).collect()).unwrap_or_default();
+        let (effect, at) = (t.candidate.effect, &t.candidate.at);
+        said(&format!("   {effect:20} {at:12} gain {:9.1} of {} {values:.4?}", t.gain, context.samples));
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::attribute::{Added, Context, Trial, compare, contested, forward, worth};
+use crate::diagnose::attribute::{Added, Context, Selection, Trial, compare, contested, forward, worth};
 use crate::diagnose::base::{as_given, drop_spikes, fit_recordings, fitted, floors};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::laws;
@@ -66,17 +66,17 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let given = as_given(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
     let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
     let context = Context { samples: samples(&base.residuals, &floors), floors, seed };
-    let refit = compare(&base, &given, &context);
-    let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
-    said(&format!("re-fit gains {:.0}; noise {:?}", refit.total, base.noise));
+    said(&format!("noise {:.3?}", base.noise));
     let library = |now: &Hypothesis| {
         let Some(windows) = tangents(now) else { return Vec::new() };
         let scales = scales(now, &windows, &pooled);
         let Some(screen) = Screen::new(&now.problem, &now.point, &now.noise) else { return Vec::new() };
         candidates(now, &scales, &screen, &windows)
     };
-    let (found, added, last) = forward(&base, library, &context, &mut said);
-    said("contest");
+    let Selection { base, found, added, last } = forward(&base, library, &context, &mut said);
+    let refit = compare(&base, &given, &context);
+    let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
+    said(&format!("re-fit gains {:.0}", refit.total));
     let (found, added) = contested(found, added, experiment.rig.effects.len(), &context);
     let found = settled(found, &context);
     said("what is left");
