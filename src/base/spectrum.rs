@@ -3,11 +3,11 @@
 use std::f64::consts::TAU;
 
 /// A long signal is cut into pieces of this length, so that the cost grows with its length alone.
-const PIECE_S: f64 = 4.0;
+const PIECE_S: f64 = 2.0;
 
 /// Root mean square of the part of `values` between `low_hz` and `high_hz`, in the unit of the values.
 ///
-/// `times` in s, increasing, nearly even. Each piece of 4 s is split into lines of a quarter hertz; a last piece that is
+/// `times` in s, increasing, nearly even. Each piece of 2 s is split into lines of half a hertz; a last piece that is
 /// shorter is left out unless it is the only one. NaN without two samples.
 #[must_use]
 pub fn band_rms(times: &[f64], values: &[f64], low_hz: f64, high_hz: f64) -> f64 {

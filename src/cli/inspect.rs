@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "\
 Examples:
   compass inspect compass-2026-11-20T23-41-24Z.mcap
-  compass inspect REC --band 8,13              how much the hip shakes between 8 and 13 Hz while armed
+  compass inspect REC --band 8,13 --from 2     how much the hip shakes between 8 and 13 Hz while armed
   compass inspect REC --config > robot.toml    the recorded configuration, usable as --config
 
 Exit codes: 0 whole and without faults, 1 torn, drops, gaps or faults, 3 not readable.")]
@@ -31,6 +31,9 @@ pub(crate) struct Args {
     /// Prints how strong the hip's signals are between two frequencies in Hz while armed, nothing else
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_band)]
     band: Option<Band>,
+    /// Leaves out what was before this time, s since the first tick (with --band)
+    #[arg(long, value_name = "S", default_value_t = 0.0, requires = "band")]
+    from: f64,
     /// Most events to show
     #[arg(long, value_name = "N", default_value_t = 30)]
     events: usize,
@@ -39,7 +42,7 @@ pub(crate) struct Args {
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
         if let Some(band) = self.band {
-            write_band(&mut io::stdout().lock(), &self.recording, band)?;
+            write_band(&mut io::stdout().lock(), &self.recording, band, self.from)?;
             return Ok(Outcome::Fine);
         }
         let found = inspect(&self.recording)?;
@@ -75,13 +78,16 @@ fn parse_band(text: &str) -> Result<Band, String> {
 /// Signals of the longest armed stretch: column, factor to the unit shown, the unit.
 const SHAKING: [(&str, f64, &str); 2] = [("hip_torque_nm", 1.0, "Nm"), ("hip_angle_rad", 180.0 / PI, "deg")];
 
-fn write_band(out: &mut impl Write, recording: &Path, band: Band) -> anyhow::Result<()> {
+fn write_band(out: &mut impl Write, recording: &Path, band: Band, from_s: f64) -> anyhow::Result<()> {
     let own = Own::read(recording)?;
     let column = |name: &str| own.table.column(name, None).map_err(|lines| anyhow::anyhow!(lines.join("\n")));
     let times = column("t_s")?;
+    let from = times.partition_point(|t| *t < from_s);
+    let seconds = times.last().map_or(0.0, |last| last - times.get(from).copied().unwrap_or(*last));
+    writeln!(out, "armed and after {from_s} s: {seconds:.1} s")?;
     let Band { low_hz, high_hz } = band;
     for (name, factor, unit) in SHAKING {
-        let rms = factor * band_rms(&times, &column(name)?, low_hz, high_hz);
+        let rms = factor * band_rms(&times[from..], &column(name)?[from..], low_hz, high_hz);
         writeln!(out, "{name:16} rms between {low_hz} and {high_hz} Hz: {rms:.4} {unit}")?;
     }
     Ok(())

@@ -20,6 +20,7 @@ pub mod own;
 pub mod pipeline;
 pub mod propose;
 pub mod prove;
+pub mod ridge;
 pub mod scales;
 pub mod scan;
 pub mod score;

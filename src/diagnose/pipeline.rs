@@ -11,6 +11,7 @@ use crate::diagnose::linearise::tangents;
 use crate::diagnose::localise::places;
 use crate::diagnose::propose::candidates;
 use crate::diagnose::prove::{Models, proof};
+use crate::diagnose::ridge::along_ridges;
 use crate::diagnose::scales::scales;
 use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
@@ -78,7 +79,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
     said(&format!("re-fit gains {:.0}", refit.total));
     let (found, added) = contested(found, added, experiment.rig.effects.len(), &context);
-    let found = settled(found, &context);
+    let found = settled(along_ridges(found, &context), &context);
     said("what is left");
     let rest = unexplained(&found, &base, &context, &mut said);
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
