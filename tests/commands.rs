@@ -3,6 +3,7 @@
 
 use assert_cmd::Command;
 use std::fs;
+use std::path::Path;
 use std::process::{Command as Plain, Stdio};
 
 fn compass(arguments: &[&str]) -> (i32, String, String) {
@@ -37,6 +38,60 @@ fn simulated_run_is_recorded_and_replays_to_the_bit() {
     let (code, stdout, _) = compass(&["replay", file, "--check", "--set", "control.lqr_r=0.5"]);
     assert_eq!(code, 1);
     assert!(stdout.contains("first difference: tick") && stdout.contains("wanted.hip_torque_nm"), "{stdout}");
+}
+
+/// The recording in `folder`.
+fn recording(folder: &Path) -> String {
+    let files = fs::read_dir(folder).unwrap().map(|f| f.unwrap().path().to_str().unwrap().to_owned());
+    files.into_iter().find(|f| f.ends_with(".mcap")).unwrap()
+}
+
+/// Rms between 8 and 13 Hz after the recovery from the first tilt: torque in Nm, hip angle in degrees.
+fn shaking(recording: &str) -> [f64; 2] {
+    let (code, stdout, stderr) = compass(&["inspect", recording, "--band", "8,13", "--from", "3"]);
+    assert_eq!(code, 0, "{stderr}");
+    ["hip_torque_nm", "hip_angle_rad"].map(|name| {
+        let line = stdout.lines().find(|l| l.starts_with(name)).unwrap();
+        line.split_whitespace().rev().nth(1).unwrap().parse().unwrap()
+    })
+}
+
+/// The demonstration of the README. The controller believes that the hip is rigid; `config/sim.toml` hides a spring.
+#[test]
+fn hidden_compliance_is_named_and_the_controller_that_knows_it_shakes_less() {
+    let folder = tempfile::tempdir().unwrap();
+    let [before, answer, after] = ["before", "answer", "after"].map(|name| folder.path().join(name));
+    let text = |path: &Path| path.to_str().unwrap().to_owned();
+    let balance = |more: &[&str], into: &Path| {
+        let into = text(into);
+        let mut arguments = vec!["sim", "--for", "7", "--set", "control.observer_epsilon_s=0.02"];
+        arguments.extend(["--set", "control.lqr_r=0.01", "--record", &into].iter().chain(more));
+        assert_eq!(compass(&arguments).0, 0);
+    };
+    balance(&[], &before);
+
+    let (code, said, stderr) = compass(&["diagnose", "--own", &recording(&before), "--out", &text(&answer)]);
+    assert_eq!(code, 1, "{stderr}");
+    assert!(said.contains("elasticity between motor and link at hip"), "{said}");
+    let hz = said.split("rings at ").nth(1).and_then(|s| s.split(" Hz").next()).and_then(|s| s.parse().ok());
+    let hz: f64 = hz.unwrap_or(f64::NAN);
+    assert!((hz - 10.5).abs() < 0.3, "{said}"); // 376.8 Nm/rad, .09 kg m2 and the legs: 10.5 Hz
+    assert!(answer.join("report.html").exists());
+
+    let model = text(&answer.join("model.toml"));
+    balance(&["--model", &model], &after);
+    let (was, is) = (shaking(&recording(&before)), shaking(&recording(&after)));
+    assert!(was[0] > 5.0 && is[0] < 0.5 * was[0] && is[1] < 0.5 * was[1], "{was:?} {is:?}");
+
+    // A recording stands wherever a CSV may: the model runs against it as it is.
+    let window = ["--setup", "inner_stance", "--window-s", "0.5"];
+    let (before, answer) = (recording(&before), text(&answer.join("free_run.csv")));
+    let arguments = [&["predict", &model, &before, "--out", &answer][..], &window].concat();
+    let (code, said, stderr) = compass(&arguments);
+    assert_eq!(code, 0, "{stderr}");
+    let line = said.lines().find(|l| l.contains("hip_angle_rad")).unwrap();
+    let nrmse: f64 = line.split_whitespace().last().unwrap().parse().unwrap();
+    assert!(nrmse < 0.05, "{said}");
 }
 
 #[test]

@@ -228,3 +228,75 @@ fn elasticity(e: &HipElasticity) -> Effect {
     let values = vec![twice(e.stiffness_nm_rad), twice(e.damping_nm_s_rad), twice(e.rotor_inertia_kg_m2)];
     Effect::new(EffectKind::JointElasticity, "hip", values)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::load;
+    use crate::identify::experiment::mcap::COLUMNS;
+
+    /// 10 s at 1 kHz on a leg that does not move.
+    fn table(stance: impl Fn(usize) -> f64) -> Table {
+        let rows = 10_000;
+        let columns = COLUMNS.iter().map(|name| match *name {
+            "t_s" => (0..rows).map(|k| 1e-3 * k as f64).collect(),
+            "stance" => (0..rows).map(&stance).collect(),
+            _ => vec![0.0; rows],
+        });
+        Table::of_columns("x.mcap", &COLUMNS, columns.collect())
+    }
+
+    fn case(tables: &[Table]) -> Result<OwnCase, OwnError> {
+        let mut case = OwnCase { rig: rig(&load(None, &[]).unwrap().config), files: Vec::new() };
+        for (number, table) in tables.iter().enumerate() {
+            case.add(Path::new("x.mcap"), number, table)?;
+        }
+        case.hold_what_does_not_show();
+        Ok(case)
+    }
+
+    fn free(case: &OwnCase) -> Vec<&str> {
+        let names = case.rig.mechanism.parameters().iter().zip(&case.rig.parameters);
+        names.filter(|(_, value)| value.is_free()).map(|(info, _)| info.name).collect()
+    }
+
+    #[test]
+    fn the_rig_that_is_written_is_the_rig_that_was_made() {
+        let case = case(&[table(|_| 0.0)]).unwrap();
+        assert_eq!(Rig::parse(&case.rig.to_toml(), "written").unwrap(), case.rig);
+        let files: Vec<&str> = case.files.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(files, ["own_1_fit.csv", "own_1_heldout.csv"]);
+    }
+
+    #[test]
+    fn later_rows_are_held_out_and_none_is_used_twice() {
+        let case = case(&[table(|_| 0.0)]).unwrap();
+        let rows: Vec<usize> = case.files.iter().map(|(_, text)| text.lines().count() - 1).collect();
+        assert_eq!(rows.iter().sum::<usize>(), 10_000);
+        assert!((6_990..7_010).contains(&rows[0]), "{rows:?}");
+    }
+
+    #[test]
+    fn one_leg_frees_what_swings_and_both_legs_free_all() {
+        assert_eq!(free(&case(&[table(|_| 0.0)]).unwrap()), ["c2", "c5"]);
+        assert_eq!(free(&case(&[table(|_| 1.0)]).unwrap()), ["c1", "c4"]);
+        assert_eq!(free(&case(&[table(|_| 0.0), table(|_| 1.0)]).unwrap()).len(), 6);
+    }
+
+    #[test]
+    fn steps_and_short_recordings_are_refused_with_a_remedy() {
+        let steps = case(&[table(|k| f64::from(u8::from(k > 5000)))]).unwrap_err().to_string();
+        assert!(steps.contains("x.mcap") && steps.contains("stance_column"), "{steps}");
+        let short = Table::of_columns("x.mcap", &COLUMNS, vec![vec![0.0, 0.001]; COLUMNS.len()]);
+        assert!(case(&[short]).unwrap_err().to_string().contains("record longer"));
+        assert!(OwnCase::of(&[]).unwrap_err().to_string().contains("at least one"));
+    }
+
+    #[test]
+    fn what_the_controller_knows_of_its_drive_stands_in_the_rig() {
+        let key = "robot.model.hip_elasticity={ stiffness_nm_rad = 377.0, damping_nm_s_rad = 0.2, rotor_inertia_kg_m2 = 0.09 }";
+        let rig = rig(&load(None, &[key.to_owned()]).unwrap().config);
+        let known = rig.effects.iter().find(|e| e.kind == EffectKind::JointElasticity).unwrap();
+        assert!((known.values[0].value - 377.0).abs() < 1e-12 && known.values[0].is_free());
+    }
+}

@@ -8,7 +8,7 @@
 //! | `t_s` | the SYNC, s since the first tick of the recording | `feedback` stamp |
 //! | `hip_angle_rad` | hip encoder, inner - outer, at the joint | `snapshot.hip_angle_rad` |
 //! | `hip_torque_nm` | command as the drive took it, at the joint, + on inner; acts from this row to the next | `drives` |
-//! | `hip_torque_applied_nm` | torque by the drive's own report, mean of this row and the next | `snapshot.hip_torque_nm` |
+//! | `hip_torque_applied_nm` | mean torque until the next row, by the drive's own reports | `snapshot.hip_torque_nm` |
 //! | `leg_rate_rad_s` | gyro on the inner leg, brought to `t_s`; empty in rows without a new sample | `imu` |
 //! | `leg_angle_rad` | attitude of the inner leg by the IMU's own filter, likewise; empty if it streams none | `imu` |
 //! | `stance` | leg that stands: 0 inner, 1 outer | `estimate.stance` |
@@ -101,6 +101,7 @@ struct Row {
     t_s: f64,
     hip_angle_rad: f64,
     command_nm: f64,
+    /// As reported; then the mean until the next row.
     reported_nm: f64,
     leg_rate_rad_s: f64,
     leg_angle_rad: f64,
@@ -205,8 +206,10 @@ impl Gather {
 
     /// The rows with the IMU's samples brought to their instants, and the reported torque to its mean.
     fn rows(mut self) -> Vec<Row> {
+        let share = share_of_next(kept(&self.rows));
         for k in 1..self.rows.len() {
-            self.rows[k - 1].reported_nm = 0.5 * (self.rows[k - 1].reported_nm + self.rows[k].reported_nm);
+            let (now, next) = (self.rows[k - 1].reported_nm, self.rows[k].reported_nm);
+            self.rows[k - 1].reported_nm = now + share * (next - now);
         }
         for pair in self.samples.windows(2) {
             let (a, b) = (pair[0], pair[1]);
@@ -221,6 +224,30 @@ impl Gather {
     }
 }
 
+/// How much of a torque's distance to its command is left one row later: `r⁺ - c = a (r - c)`, by least squares. A
+/// current loop of time constant T has `a = exp(-1 ms / T)`.
+fn kept(rows: &[Row]) -> f64 {
+    let (mut both, mut square) = (0.0, 0.0);
+    for pair in rows.windows(2).filter(|p| p[0].armed && p[1].armed) {
+        let (before, after) = (pair[0].reported_nm - pair[0].command_nm, pair[1].reported_nm - pair[0].command_nm);
+        both += before * after;
+        square += before * before;
+    }
+    if square > 0.0 { (both / square).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// The mean of a torque that decays so between two reports, `r + β (r⁺ - r)`: β = 1/(1-a) + 1/ln a, which is 1 for a
+/// current loop that is there at once and 1/2 for a slow one. The command does not enter, so a limit in the drive is seen.
+fn share_of_next(kept: f64) -> f64 {
+    if kept < 1e-6 {
+        1.0
+    } else if kept > 0.98 {
+        0.5
+    } else {
+        1.0 / (1.0 - kept) + 1.0 / libm::log(kept)
+    }
+}
+
 /// The longest stretch with torque and without a gap, less its beginning; all rows if there never was torque.
 fn usable(rows: &[Row]) -> &[Row] {
     let follows = |a: &Row, b: &Row| a.armed && b.armed && b.at.since(a.at) <= LONGEST_ROW;
@@ -229,4 +256,72 @@ fn usable(rows: &[Row]) -> &[Row] {
         let from_s = stretch[0].t_s + SETTLING_S;
         &stretch[stretch.partition_point(|r| r.t_s < from_s)..]
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::time::Span;
+
+    #[test]
+    fn mean_torque_between_reports_is_exact_for_a_lag_and_for_none() {
+        for lag_s in [1e-9, 2e-4, 1e-3, 5e-3] {
+            // Commands jump each millisecond; the drive reports its torque just before it takes the next over.
+            let commands = [3.0, -7.0, 11.0, 2.0, 2.0, -9.0, 4.0];
+            let a = libm::exp(-1e-3 / lag_s);
+            let (mut torque, mut rows, mut means) = (0.0, Vec::new(), Vec::new());
+            for (k, c) in commands.into_iter().enumerate() {
+                let at = Stamp(0) + Span::from_ms(i64::try_from(k).unwrap());
+                rows.push(row(at, c, torque));
+                means.push(c + (torque - c) * (1.0 - a) * lag_s / 1e-3);
+                torque = c + (torque - c) * a;
+            }
+            assert!((kept(&rows) - a).abs() < 1e-9, "{lag_s}");
+            let beta = share_of_next(kept(&rows));
+            for (pair, mean) in rows.windows(2).zip(means) {
+                let ours = pair[0].reported_nm + beta * (pair[1].reported_nm - pair[0].reported_nm);
+                assert!((ours - mean).abs() < 1e-3, "{lag_s}: {ours} against {mean}");
+            }
+        }
+    }
+
+    fn row(at: Stamp, command_nm: f64, reported_nm: f64) -> Row {
+        Row {
+            at,
+            t_s: at.as_s(),
+            hip_angle_rad: 0.0,
+            command_nm,
+            reported_nm,
+            leg_rate_rad_s: f64::NAN,
+            leg_angle_rad: f64::NAN,
+            stance: 0.0,
+            armed: true,
+        }
+    }
+
+    #[test]
+    fn the_longest_armed_stretch_is_used_less_its_beginning() {
+        let armed = |ms: std::ops::Range<i64>, armed| {
+            ms.map(move |k| Row { armed, ..row(Stamp(0) + Span::from_ms(k), 0.0, 0.0) })
+        };
+        let rows: Vec<Row> = armed(0..2000, false)
+            .chain(armed(2000..3000, true))
+            .chain(armed(3000..3500, false))
+            .chain(armed(3500..6000, true))
+            .chain(armed(6000..9000, false))
+            .collect();
+        let used = usable(&rows);
+        assert_eq!((used.len(), used[0].at), (2000, Stamp(0) + Span::from_ms(4000)));
+        let never: Vec<Row> = armed(0..100, false).collect();
+        assert_eq!(usable(&never).len(), 100);
+    }
+
+    #[test]
+    fn a_file_that_is_no_recording_of_ours_is_told_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.mcap");
+        std::fs::write(&path, "no magic here").unwrap();
+        let text = Own::read(&path).unwrap_err().to_string();
+        assert!(text.contains("x.mcap") && text.contains("is no MCAP file"), "{text}");
+    }
 }
