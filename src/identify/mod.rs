@@ -6,6 +6,7 @@
 
 pub mod experiment;
 pub mod fit;
+pub mod floor;
 pub mod identifiability;
 pub mod noise;
 pub mod problem;

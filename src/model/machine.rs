@@ -46,9 +46,9 @@ pub use start::Inner;
 /// Most bristles.
 pub const MAX_BRISTLES: usize = 3;
 
-/// RK4 at 2.5 ms: motions of 10 rad/s are exact to 3e-9 per period (hω = .025, error (hω)⁴/120 per rad); stiffer ones
+/// RK4 at 5 ms: motions of 10 rad/s are exact to 3e-7 per period (hω = .05, error (hω)⁴/120 per rad); stiffer ones
 /// shorten the step themselves.
-pub const LONGEST_STEP_S: f64 = 2.5e-3;
+pub const LONGEST_STEP_S: f64 = 5e-3;
 
 /// Why a machine cannot be built or cannot go on.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -215,3 +215,48 @@ fn derivatives_are_exact_through_the_steps_of_a_walk() {
     }
     assert!(smooth * 10 > all * 9, "{smooth} of {all} columns are smooth");
 }
+
+#[test]
+fn steps_four_times_shorter_change_nothing_that_the_noise_would_show() {
+    let Some(shared) = shared() else { return };
+    let floor_of = |id: &String| -> Vec<(String, f64)> {
+        let (rig, experiment) = truth_rig(&shared, id);
+        let pooled = Pooled::of(&rig, experiment.of_use(Use::Heldout));
+        let truth = fs::read_to_string(shared.join(format!("cases/blind-dev-truth/{id}.json"))).unwrap();
+        let truth: serde_json::Value = serde_json::from_str(&truth).unwrap();
+        let mut out = Vec::new();
+        for recording in experiment.of_use(Use::Heldout) {
+            let rollout = Rollout::new(&rig, recording, Fidelity::default()).unwrap();
+            let finer = Rollout::new(&rig, recording, Fidelity { refine: 4 }).unwrap();
+            let weights = pooled.weights(&rig, recording);
+            let mut sums = vec![(0.0, 0.0); rig.sensors.len()];
+            for window in 0..rollout.windows().len() {
+                let initial = rollout.fit_initial(window, &weights, &rollout.guess(window)).unwrap();
+                let (mut a, mut b) = (Readings::default(), Readings::default());
+                rollout.simulate(window, &initial, &mut a).unwrap();
+                finer.simulate(window, &initial, &mut b).unwrap();
+                for (sum, (a, b)) in sums.iter_mut().zip(a.channels.iter().zip(&b.channels)) {
+                    sum.0 += a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
+                    sum.1 += a.len() as f64;
+                }
+            }
+            for (channel, sensor) in rig.sensors.iter().enumerate() {
+                let of = |h: &&serde_json::Value| {
+                    h["channel"] == sensor.column.as_str() && h["recording"] == recording.name.as_str()
+                };
+                let Some(held) = truth["heldout"].as_array().unwrap().iter().find(of) else { continue };
+                let noise = held["nrmse_floor"].as_f64().unwrap() * pooled.std[channel];
+                let floor = (sums[channel].0 / sums[channel].1).sqrt();
+                out.push((format!("{id} {} {}", truth["family"], sensor.column), floor / noise));
+            }
+        }
+        out
+    };
+    let ids: Vec<String> = (1..=42).map(|k| format!("dev-{k:03}")).collect();
+    let rows: Vec<_> = ids.par_iter().flat_map_iter(floor_of).collect();
+    for (name, ratio) in &rows {
+        println!("{name}: {ratio:.1e} of the noise");
+        // Measured: at most 5e-4.
+        assert!(*ratio < 1e-2, "{name}: {ratio:.1e}");
+    }
+}
