@@ -21,6 +21,7 @@ use crate::diagnose::unlisted::{Unlisted, unexplained};
 use crate::diagnose::verdict::{Diagnosis, Findings, Law, Missing, Trace, Verdict, verdict_of};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
+use crate::identify::floor::complaints;
 use crate::identify::rollout::{Pooled, RolloutError};
 use crate::model::rig::{Rig, Use};
 use std::time::Instant;
@@ -86,7 +87,9 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
     let rest = rest.map(|(unlisted, _)| unlisted);
     let answer = Found { given, base, found, added, rest, refit_needed };
-    let warnings = warnings(experiment, &dropped);
+    let mut warnings = warnings(experiment, &dropped);
+    let explained = answer.explained();
+    warnings.extend(complaints(&explained.problem, &explained.point, &explained.noise));
     said("proof");
     let mut findings = answer.findings(experiment, &context, &last, warnings)?;
     findings.diagnosis.seconds = began.elapsed().as_secs_f64();
