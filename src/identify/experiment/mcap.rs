@@ -79,9 +79,16 @@ impl Own {
             first = reader.next_tick().map_err(|e| ExperimentError::Form(whole_chain(&e)))?;
         }
         let rows = gather.rows();
+        if rows.is_empty() {
+            return Err(form("the hip drive never answered, nothing to run a model against".into()));
+        }
         let rows = usable(&rows);
         if rows.len() < 2 {
-            return Err(form("the hip drive never answered, nothing to run a model against".into()));
+            let what = format!(
+                "the robot was never armed for longer than {SETTLING_S} s at a time (see `compass inspect`), nothing to \
+                 run a model against"
+            );
+            return Err(form(what));
         }
         let columns = (0..COLUMNS.len()).map(|c| rows.iter().map(|r| r.cells()[c]).collect()).collect();
         Ok(Self { config, table: Table::of_columns(&file, &COLUMNS, columns) })
