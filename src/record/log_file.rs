@@ -26,6 +26,9 @@ pub const PROGRAM: &str = "compass";
 /// Name of the metadata that ties tick time to the calendar.
 pub const CLOCK: &str = "clock";
 
+/// A chunk is closed at this size: half a second at 1 kHz. Larger ones leave the cache before they are written.
+const CHUNK_BYTES: u64 = 1 << 20;
+
 /// What stands at the head of each file.
 #[derive(Clone, Debug)]
 pub struct Identity {
@@ -66,13 +69,13 @@ impl LogFile {
     /// # Errors
     /// When the disk does not take it.
     pub fn create(storage: Box<dyn Storage>, identity: &Identity) -> Result<Self, McapError> {
-        // Chunks are put together in memory and reach the file whole. No compression: noise does not shrink, and the
-        // reader can go into the torn last chunk of a file.
+        // Chunks are put together in memory and reach the file whole: at a flush, or when they outgrow the cache. No
+        // compression: noise does not shrink, and the reader can go into the torn last chunk of a file.
         let options = WriteOptions::new()
             .profile("ros2")
             .library(concat!("compass ", env!("CARGO_PKG_VERSION")))
             .compression(None)
-            .chunk_size(None)
+            .chunk_size(Some(CHUNK_BYTES))
             .disable_seeking(true);
         let sink = Sink::new(storage);
         let safe = sink.safe();

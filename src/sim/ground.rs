@@ -3,7 +3,7 @@
 //! Touchdown with exact event location, slip, flight and rebound are the machine's; the toes are [`super::toes`].
 //! The leg length of the model is that with the toes at `robot.toe.extended_m`.
 //! Limits: a toe's travel lifts and lowers quasi-statically (no push-off); no double support, so a robot that comes to
-//! rest on both feet sinks. RT: no.
+//! rest on both feet sinks; a robot whose hip comes to the floor stays there. RT: no.
 
 use super::toes::Toes;
 use super::{Reading, World};
@@ -28,12 +28,14 @@ pub struct GroundWorld {
     release_torque_nm: f64,
     held: bool,
     now_s: f64,
-    force_n: [f64; 2],
-    accel_m_s2: [f64; 2],
     touchdowns: u32,
-    /// The state left all bounds: it lies on the floor and stays as it was.
-    lost: bool,
+    /// It lies on the floor and stays as it is.
+    fallen: bool,
+    shown: Reading,
 }
+
+/// A stance leg that leans by more has brought the hip to the floor, rad.
+const FALLEN_RAD: f64 = 1.3;
 
 impl GroundWorld {
     /// As configured; on blocks the stance toe is pinned and the swing toe meets nothing.
@@ -51,19 +53,41 @@ impl GroundWorld {
         machine.set_stance(sim.stance as usize);
         machine.set_toes(toes.shortening_m());
         machine.reset(0.0, &[ai, ao, vi, vo]);
-        Ok(Self {
+        let mut world = Self {
             machine,
             toes,
             slope_rad: sim.ground_slope_rad,
             release_torque_nm: sim.release_torque_nm,
             held: sim.release_torque_nm > 0.0,
             now_s: 0.0,
-            // In the hand that holds it the robot stands with its weight.
-            force_n: [0.0, params.total_mass_kg * params.gravity_m_s2],
-            accel_m_s2: [0.0; 2],
             touchdowns: 0,
-            lost: false,
-        })
+            fallen: false,
+            shown: Reading { toe_position_m: sim.initial_toe_m, ..Reading::default() },
+        };
+        // In the hand that holds it the robot stands with its weight.
+        world.show([0.0, params.total_mass_kg * params.gravity_m_s2], [0.0; 2]);
+        Ok(world)
+    }
+
+    /// What the instruments read under this ground force and acceleration of the hip.
+    fn show(&mut self, ground_force_n: [f64; 2], imu_accel_m_s2: [f64; 2]) {
+        let m = &self.machine;
+        self.shown = Reading {
+            leg_angle_rad: [m.coordinate(0), m.coordinate(1)],
+            leg_rate_rad_s: [m.rate(0), m.rate(1)],
+            imu_accel_m_s2,
+            hip_encoder_rad: m.coordinate(HIP),
+            ground_force_n,
+            stance: if m.stance() == 0 { Leg::Inner } else { Leg::Outer },
+            airborne: m.contact() == Contact::Flight,
+            ..self.shown
+        };
+    }
+
+    /// It hits the floor and stays there.
+    fn fall(&mut self) {
+        self.fallen = true;
+        self.shown = Reading { leg_rate_rad_s: [0.0; 2], imu_accel_m_s2: [0.0; 2], airborne: false, ..self.shown };
     }
 
     /// Component of a vector along and normal to the ground along the leg that stands, from toe to hip.
@@ -72,10 +96,24 @@ impl GroundWorld {
         normal * cos - along * sin
     }
 
+    /// Moves the legs up to now.
+    fn advance(&mut self) {
+        if self.machine.advance_to(self.now_s).is_err() {
+            return self.fall();
+        }
+        let (force_n, accel_m_s2) = self.machine.ground_force_and_hip_acceleration();
+        self.show(force_n, accel_m_s2);
+        self.load_toes();
+        let lean_rad = self.machine.coordinate(self.machine.stance()) + self.slope_rad;
+        if lean_rad.abs() > FALLEN_RAD {
+            self.fall();
+        }
+    }
+
     /// The springs take up what the legs have met.
     fn load_toes(&mut self) {
         let mut load_n = [0.0; 2];
-        load_n[self.machine.stance()] = self.along_stance_leg(self.force_n);
+        load_n[self.machine.stance()] = self.along_stance_leg(self.shown.ground_force_n);
         self.toes.load(load_n);
         let (touchdowns, _) = self.machine.touchdowns();
         if touchdowns != self.touchdowns {
@@ -144,15 +182,13 @@ impl World for GroundWorld {
         self.toes.advance(toe_target_m, dt.as_s());
         self.machine.set_toes(self.toes.shortening_m());
         self.held = self.held && hip_torque_nm.abs() < self.release_torque_nm;
-        if self.held || self.lost {
-            return;
+        if !self.held && !self.fallen {
+            self.machine.command(0, hip_torque_nm, true);
+            self.now_s += dt.as_s();
+            self.advance();
         }
-        self.machine.command(0, hip_torque_nm, true);
-        self.now_s += dt.as_s();
-        self.lost = self.machine.advance_to(self.now_s).is_err();
-        self.force_n = self.machine.ground_force();
-        self.accel_m_s2 = self.machine.hip_acceleration();
-        self.load_toes();
+        self.shown.toe_position_m = self.toes.position_m();
+        self.shown.toe_spring_m = self.toes.compression_m();
     }
 
     fn let_go(&mut self) {
@@ -160,18 +196,7 @@ impl World for GroundWorld {
     }
 
     fn reading(&self) -> Reading {
-        let m = &self.machine;
-        Reading {
-            leg_angle_rad: [m.coordinate(0), m.coordinate(1)],
-            leg_rate_rad_s: [m.rate(0), m.rate(1)],
-            imu_accel_m_s2: self.accel_m_s2,
-            hip_encoder_rad: m.coordinate(HIP),
-            toe_position_m: self.toes.position_m(),
-            toe_spring_m: self.toes.compression_m(),
-            ground_force_n: self.force_n,
-            stance: if m.stance() == 0 { Leg::Inner } else { Leg::Outer },
-            airborne: m.contact() == Contact::Flight,
-        }
+        self.shown
     }
 }
 

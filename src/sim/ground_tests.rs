@@ -134,3 +134,12 @@ fn retracting_the_stance_toe_lowers_the_robot_and_keeps_its_foot() {
     assert!((height(&world) + 0.02).abs() < 1e-6, "{}", height(&world));
     assert_eq!(world.reading().stance, Leg::Inner);
 }
+
+#[test]
+fn a_fallen_robot_lies_still() {
+    let mut world = world(&[GROUND, "sim.initial_angle_rad=[0.3, 0.4]", "sim.initial_rate_rad_s=[1.0, 1.0]"]);
+    assert!(run(&mut world, 0.0, 3000, |r| r.leg_rate_rad_s == [0.0; 2]), "{:?}", world.reading());
+    let lying = world.reading();
+    run(&mut world, 30.0, 1000, |_| false);
+    assert_eq!(world.reading(), lying);
+}

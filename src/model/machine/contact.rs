@@ -115,18 +115,25 @@ impl<S: Scalar> Machine<S> {
 
     /// Force of the ground on the stance foot, N: along the ground and normal to it. Zero in flight and off the ground.
     pub fn ground_force(&mut self) -> [S; 2] {
+        self.ground_force_and_hip_acceleration().0
+    }
+
+    /// [`Self::ground_force`], and the acceleration of the hip, m/s²: horizontally and up.
+    pub fn ground_force_and_hip_acceleration(&mut self) -> ([S; 2], [S; 2]) {
+        self.flow_at_start();
+        (self.stance_force(), self.hip_acceleration())
+    }
+
+    fn stance_force(&self) -> [S; 2] {
         if !self.plant.walks {
             return [S::zero(); 2];
         }
-        self.flow_at_start();
         // What moves the whole robot: M's toe rows times the accelerations, less gravity and rates.
         let force = |k: usize| product(&self.work.eq.mass[2 + k], &self.work.a, self.plant.n) - self.work.toe_bias[k];
         [force(0), force(1)]
     }
 
-    /// Acceleration of the hip, m/s²: horizontally and up.
-    pub fn hip_acceleration(&mut self) -> [S; 2] {
-        self.flow_at_start();
+    fn hip_acceleration(&self) -> [S; 2] {
         let Body::Legs(legs) = &self.plant.body else { return [S::zero(); 2] };
         let (s, l, a) = (legs.stance(), legs.length(), &self.work.a);
         let toe = if self.plant.walks { [a[2], a[3]] } else { [S::zero(); 2] };
