@@ -68,7 +68,7 @@ pub(super) fn candidates(rig: &Rig) -> Vec<&'static str> {
         &["coulomb_friction"][..]
     });
     if rig.sensors.len() > 1 {
-        of.push("sensor_delay");
+        of.extend(["sensor_delay", "sensor_scale"]);
     }
     match rig.kind {
         Kind::Pendulum => of.extend(["joint_elasticity", "backlash", "torque_ripple", "load_friction", "sensor_bias"]),
@@ -117,6 +117,7 @@ pub(super) fn draw(dice: &mut Dice, rig: &Rig, id: &'static str, duration_s: f64
             | "sensor_drift"
             | "lost_counts"
             | "clock_skew"
+            | "sensor_scale"
             | "encoder_eccentricity"
     );
     let index = place(dice, rig, id, on_sensor);
@@ -157,6 +158,8 @@ pub(super) fn draw(dice: &mut Dice, rig: &Rig, id: &'static str, duration_s: f64
         "sensor_drift" => ("rate", vec![("rate", dice.sign() * 0.05 * reach(rig, index, &s) / duration_s)]),
         "lost_counts" => ("step", vec![("step", dice.sign() * 0.05 * reach(rig, index, &s)), ("time", moment)]),
         "clock_skew" => ("skew", vec![("skew", dice.sign() * 0.004)]),
+        // Stored as factor - 1, so that it can be made stronger.
+        "sensor_scale" => ("scale", vec![("scale", dice.sign() * 0.02)]),
         "encoder_eccentricity" => ("amplitude", vec![("amplitude", 0.005), ("phase", phase)]),
         "magnet_detent" => {
             let centre = dice.between(-0.3, 0.3) * s.angle;
@@ -241,6 +244,7 @@ impl Effect {
             "friction_drift" => value < 0.3,
             "actuator_lag" | "transport_delay" | "sensor_lag" | "sensor_delay" => (0.000_5..0.08).contains(&value),
             "clock_skew" => value < 0.05,
+            "sensor_scale" => value < 0.3,
             "base_vibration" => value < 5.0,
             _ => true,
         }
@@ -302,6 +306,7 @@ impl Effect {
             "encoder_eccentricity" => reading.eccentric = [self.get("amplitude"), self.get("phase")],
             "lost_counts" => reading.lost = [self.get("step"), self.get("time")],
             "clock_skew" => reading.skew = self.get("skew"),
+            "sensor_scale" => reading.scale = self.get("scale"),
             _ => {}
         }
     }

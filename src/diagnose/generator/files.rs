@@ -192,7 +192,9 @@ fn hidden(case: &Case, effect: &Effect, accepted: &[(String, String)]) -> Hidden
     let active = active(case, effect);
     let one_of =
         accepted.iter().map(|(effect, at)| Accepted { effect: effect.clone(), at: Some(at.clone()) }).collect();
-    let values = |own: &Effect| own.values.iter().map(|(key, value)| ((*key).to_owned(), *value)).collect();
+    // The contract's scale is a factor, the generator's a deviation from one.
+    let told = |own: &Effect, value: f64| if own.id == "sensor_scale" { 1.0 + value } else { value };
+    let values = |own: &Effect| own.values.iter().map(|(key, value)| ((*key).to_owned(), told(own, *value))).collect();
     if effect.is_outside() {
         let anywhere = vec![Accepted { effect: "unlisted".to_owned(), at: None }];
         return Hidden {

@@ -47,4 +47,6 @@ pub fn write_cases(folder: &Path, count: usize, seed: u64, recipe: Recipe) -> io
 }
 
 #[cfg(test)]
+mod oracle;
+#[cfg(test)]
 mod tests;
