@@ -4,10 +4,13 @@ use super::predict::csv;
 use super::{Outcome, Run, UsageError};
 use crate::identify::experiment::{Recording, load_rig};
 use crate::identify::synthesis::record;
+use crate::identify::thesis::{self, Guess, TABLE_4_1};
 use crate::model::rig::{RecordingEntry, Setup, Use};
+use crate::report::table::{Align, Table, number};
 use anyhow::Context;
 use std::fs;
-use std::path::PathBuf;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
 /// Simulates a rig under the inputs of a CSV file and writes what its sensors read.
 #[derive(clap::Args)]
@@ -16,16 +19,22 @@ Examples:
   compass simulate rig.toml --input chirp.csv --out run_a.csv --seed 1 --noise
   compass simulate walker.toml --input hip.csv --out walk.csv --setup walk --initial 0.19,-0.19,-0.74,-0.71
 
+  compass simulate --thesis cad --out table41 && compass identify table41
+
 IN.csv has `t_s` and the columns of the actuators; OUT.csv repeats them beside the sensors, so that it is a recording.
+--thesis simulates the five identification experiments of thesis 4.2.3 (springs, fixed legs, parallel) on a robot with the
+parameters of Table 4.1, and writes a case whose rig file holds a guess: `cad` (column Calculated), `printed` (with the
+impossible c1 of the print), `near` (a fifth off) or `true`.
 Exit codes: 0 done, 2 usage, 3 bad input.")]
 pub(crate) struct Args {
     /// Rig file
-    rig: PathBuf,
+    #[arg(required_unless_present = "thesis")]
+    rig: Option<PathBuf>,
     /// Inputs: `t_s` and one column per actuator
-    #[arg(long, value_name = "FILE")]
-    input: PathBuf,
-    /// The recording
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", required_unless_present = "thesis")]
+    input: Option<PathBuf>,
+    /// The recording (a folder with --thesis)
+    #[arg(long, value_name = "PATH")]
     out: PathBuf,
     /// Coordinates, then their rates, then inner states of effects; zero where left out
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_name = "X,..")]
@@ -39,11 +48,51 @@ pub(crate) struct Args {
     /// Seed of the noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// The identification experiments of thesis 4.2.3, with this guess in their rig file
+    #[arg(long, value_name = "GUESS", value_parser = ["cad", "printed", "near", "true"], conflicts_with_all = ["rig", "input"])]
+    thesis: Option<String>,
 }
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
-        let mut rig = load_rig(&self.rig)?;
+        match (&self.thesis, &self.rig, &self.input) {
+            (Some(guess), ..) => self.thesis(guess),
+            (None, Some(rig), Some(input)) => self.recording(rig, input),
+            _ => Err(UsageError("a rig file and --input, or --thesis".to_owned()).into()),
+        }
+    }
+}
+
+impl Args {
+    /// The experiments of the thesis as a case, and what an identification of them should find.
+    fn thesis(&self, guess: &str) -> anyhow::Result<Outcome> {
+        let guess = match guess {
+            "printed" => Guess::Printed,
+            "near" => Guess::Near,
+            "true" => Guess::True,
+            _ => Guess::Cad,
+        };
+        fs::create_dir_all(&self.out).with_context(|| self.out.display().to_string())?;
+        for file in thesis::case(guess, thesis::TEN_SECONDS, self.seed)? {
+            let path = self.out.join(&file.name);
+            fs::write(&path, file.text).with_context(|| path.display().to_string())?;
+        }
+        let mut table = Table::new(&[
+            ("parameter", Align::Left),
+            ("truth", Align::Right),
+            ("expected spread", Align::Right),
+            ("±", Align::Right),
+        ]);
+        for row in TABLE_4_1 {
+            let spread = [format!("{} %", number(100.0 * row.spread)), number(row.spread * row.value)];
+            table.push([row.name.to_owned(), format!("{}", row.value)].into_iter().chain(spread));
+        }
+        writeln!(io::stdout(), "{}", table.to_text())?;
+        Ok(Outcome::Fine)
+    }
+
+    fn recording(&self, rig: &Path, input: &Path) -> anyhow::Result<Outcome> {
+        let mut rig = load_rig(rig)?;
         let setup = match &self.setup {
             None => None,
             Some(id) => Some(Setup::from_id(id).ok_or_else(|| UsageError(format!("--setup {id}: no such set-up")))?),
@@ -63,7 +112,7 @@ impl Run for Args {
             parameters: Vec::new(),
             effects: Vec::new(),
         });
-        let input = Recording::load(&rig, rig.recordings.len() - 1, &self.input)?;
+        let input = Recording::load(&rig, rig.recordings.len() - 1, input)?;
         (rig.sensors, rig.effects) = (sensors, effects);
         let made = record(&rig, &input, &self.initial, self.noise.then_some(self.seed))?;
         let mut names: Vec<&str> = rig.actuators.iter().map(|a| a.column.as_str()).collect();

@@ -12,4 +12,5 @@ pub mod noise;
 pub mod problem;
 pub mod rollout;
 pub mod synthesis;
+pub mod thesis;
 pub mod theta;
