@@ -1,5 +1,7 @@
 //! `compass bench`: our figures beside those of what one would use instead. RT: the measured threads.
 
+mod fit_time;
+
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -22,20 +24,30 @@ use crate::report::table::{Align, Table};
 use crate::rt::memory;
 use crate::rt::thread::Awake;
 
-/// Measures latency and recording beside cyclictest, LCM, raw iceoryx2 and mcap, in interleaved windows of one run.
+/// Measures latency and recording beside cyclictest, LCM, raw iceoryx2 and mcap, in interleaved windows; or a fit's time.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   compass bench latency                              five windows of four seconds each
   compass bench latency --windows 9 --html bench.html
   compass bench latency --core 3 --priority 90
+  compass bench identify CASE                        time of our fit against its cost; bench/identify/compare has the rivals
 
 Needs cyclictest (rt-tests), gcc and liblcm-dev for the rivals, and SCHED_FIFO. A rival that is missing is told and left out.
 Times on a virtual machine or a busy one mean little: the ratios are medians over pairs of windows, the stolen time is told.")]
 pub(crate) struct Args {
     /// What to measure
-    #[arg(value_parser = ["latency"])]
+    #[arg(value_parser = ["latency", "identify"])]
     what: String,
+    /// Folder with rig.toml and its recordings (identify)
+    #[arg(required_if_eq("what", "identify"))]
+    case: Option<PathBuf>,
+    /// Only one fit, with at most so many linearisations (identify)
+    #[arg(long, value_name = "N")]
+    iterations: Option<usize>,
+    /// Stages of a growing horizon before the fit over whole windows, s (identify)
+    #[arg(long, value_delimiter = ',', value_name = "S,..")]
+    horizons: Vec<f64>,
     /// Windows of each rival
     #[arg(long, default_value_t = 5)]
     windows: usize,
@@ -69,6 +81,9 @@ struct Row {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        if let (Some(case), "identify") = (&self.case, self.what.as_str()) {
+            return fit_time::run(case, &self.horizons, self.iterations);
+        }
         let resolved = self.config.load()?;
         let config = &resolved.config;
         // As the robot runs, and as cyclictest does for itself.
