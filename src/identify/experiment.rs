@@ -7,6 +7,8 @@
 
 mod csv_table;
 pub mod mcap;
+#[cfg(test)]
+mod tests;
 mod warn;
 
 use crate::model::rig::{RecordingEntry, Rig, RigErrors, Setup, Use};

@@ -1,28 +1,42 @@
 //! What looks wrong with a recording though it can be used. RT: no.
 
 use super::Recording;
+use crate::identify::noise::median_abs;
 use crate::model::rig::{MechanismKind, Rig};
 
+/// Fewer rows than this tell little.
+const SHORT_ROWS: usize = 50;
+/// A motion within this many times the noise of a channel is no motion.
+const STILL: f64 = 8.0;
 /// A gap is a step of time this many times the median one.
 const GAP: f64 = 5.0;
 /// An angle beyond this many turns, or a leg beyond this many rad, is likely in degrees.
-const DEGREES_TURNS: f64 = 4.0;
+const DEGREES_TURNS: f64 = 1.5;
 const DEGREES_LEG_RAD: f64 = 3.2;
 
 /// One line each: what, where, remedy.
 pub(super) fn warnings(rig: &Rig, recording: &Recording) -> Vec<String> {
     let mut out = Vec::new();
     out.extend(gaps(recording));
+    if recording.len() < SHORT_ROWS {
+        let (name, rows) = (&recording.name, recording.len());
+        out.push(format!("{name}: only {rows} rows: too short to tell parameters from noise; record some seconds"));
+    }
     for (sensor, samples) in rig.sensors.iter().zip(&recording.measured) {
         let name = &sensor.column;
         let present: Vec<f64> = samples.iter().copied().filter(|x| !x.is_nan()).collect();
         let low = present.iter().copied().fold(f64::INFINITY, f64::min);
         let high = present.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        if present.is_empty() {
+        if present.is_empty() && !is_leg(rig.mechanism, sensor.joint) {
             out.push(format!("{}: column `{name}` has no sample at all", recording.name));
-        } else if high <= low {
+        } else if high <= low && !present.is_empty() {
             out.push(format!("{}: column `{name}` never changes ({low}): is the sensor connected?", recording.name));
-        } else if !sensor.is_rate && looks_like_degrees(rig.mechanism, low, high) {
+        } else if !is_leg(rig.mechanism, sensor.joint) && high - low < STILL * noise(&present) {
+            out.push(format!(
+                "{}: column `{name}` hardly leaves its noise: nothing excites it; record larger motion",
+                recording.name
+            ));
+        } else if !present.is_empty() && !sensor.is_rate && looks_like_degrees(rig.mechanism, low, high) {
             out.push(format!(
                 "{}: column `{name}` runs from {low} to {high}: if these are degrees, convert to rad",
                 recording.name
@@ -35,6 +49,17 @@ pub(super) fn warnings(rig: &Rig, recording: &Recording) -> Vec<String> {
         }
     }
     out
+}
+
+/// A leg's angle is often measured in stance only (contract section 2).
+fn is_leg(mechanism: MechanismKind, joint: usize) -> bool {
+    mechanism == MechanismKind::CompassGait && joint < 2
+}
+
+/// Noise by the second differences of neighbours, robustly; a grid that is coarse against the noise gives 0.
+fn noise(samples: &[f64]) -> f64 {
+    let bends: Vec<f64> = samples.windows(3).map(|y| y[0] - 2.0 * y[1] + y[2]).collect();
+    median_abs(&bends) / (0.6745 * libm::sqrt(6.0))
 }
 
 fn looks_like_degrees(mechanism: MechanismKind, low: f64, high: f64) -> bool {

@@ -1,0 +1,99 @@
+//! Bad input: each kind once, with the file, row, column and remedy that its message must name.
+
+use super::*;
+use std::fmt::Write as _;
+
+const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = { value = 0.01, min = 0.005, \
+    max = 0.02 }\ngravity_nm = 0.36\n[[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.05\n[[sensor]]\n\
+    measures = \"q1\"\ncolumn = \"q_rad\"\n[[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\n";
+
+/// Rows of a good recording: time, input, angle.
+fn rows() -> Vec<[String; 3]> {
+    let row = |k: usize| {
+        let t = k as f64 * 0.01;
+        [format!("{t:.2}"), format!("{:.3}", libm::sin(3.0 * t)), format!("{:.5}", 0.5 * libm::cos(5.0 * t))]
+    };
+    (0..200).map(row).collect()
+}
+
+fn text(header: &str, rows: &[[String; 3]]) -> String {
+    let mut out = format!("{header}\n");
+    for row in rows {
+        writeln!(out, "{}", row.join(",")).unwrap();
+    }
+    out
+}
+
+fn load(csv: &str) -> Result<Experiment, ExperimentError> {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("rig.toml"), RIG).unwrap();
+    fs::write(folder.path().join("a.csv"), csv).unwrap();
+    Experiment::load(folder.path())
+}
+
+/// `edit` changes good rows; gives the whole file.
+fn edited(edit: impl Fn(&mut Vec<[String; 3]>)) -> String {
+    let mut rows = rows();
+    edit(&mut rows);
+    text("t_s,u,q_rad", &rows)
+}
+
+#[test]
+fn what_cannot_be_used_is_refused_with_file_row_column_and_remedy() {
+    let cases: [(&str, String, &[&str]); 9] = [
+        ("missing column", text("t_s,u,angle", &rows()), &["a.csv", "`q_rad` is missing", "t_s, u, angle"]),
+        ("unsorted time", edited(|r| r.swap(10, 11)), &["a.csv", "row 13", "`t_s`", "goes back", "sort the rows"]),
+        ("repeated time", edited(|r| r[5][0] = r[4][0].clone()), &["row 7", "`t_s`", "is repeated", "drop doubles"]),
+        ("NaN", edited(|r| r[20][2] = "nan".into()), &["a.csv", "row 22", "`q_rad`", "leave a missing sample empty"]),
+        ("infinite", edited(|r| r[0][1] = "inf".into()), &["row 2", "`u`", "not a finite number"]),
+        ("text", edited(|r| r[3][2] = "0,5".into()), &["row 5", "has 4 cells, the header has 3"]),
+        ("no input", edited(|r| r[8][1] = String::new()), &["row 10", "`u`", "empty, needs a number"]),
+        ("no rows", text("t_s,u,q_rad", &rows()[..1]), &["a.csv", "1 rows of data, at least 2"]),
+        ("no time", text("time,u,q_rad", &rows()), &["row 1", "`time`, must be `t_s`"]),
+    ];
+    for (what, csv, said) in cases {
+        let message = load(&csv).expect_err(what).to_string();
+        for part in said {
+            assert!(message.contains(part), "{what}: `{part}` is not in `{message}`");
+        }
+    }
+}
+
+#[test]
+fn what_is_only_suspicious_is_told_and_the_work_goes_on() {
+    let scaled = |factor: f64| {
+        move |r: &mut Vec<[String; 3]>| {
+            r.iter_mut().for_each(|row| row[2] = format!("{:.4}", factor * row[2].parse::<f64>().unwrap()));
+        }
+    };
+    let noise = |r: &mut Vec<[String; 3]>| {
+        let mut x = 1_u32;
+        for row in r.iter_mut() {
+            x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            row[2] = format!("{:.6}", f64::from(x >> 8) * 1e-10);
+        }
+    };
+    let cases: [(&str, String, &[&str]); 7] = [
+        ("gap", edited(|r| drop(r.drain(50..90))), &["a.csv", "a gap of 0.41", "t = 0.49", "held over it"]),
+        ("constant sensor", edited(scaled(0.0)), &["a.csv", "`q_rad` never changes", "connected"]),
+        ("constant input", edited(|r| r.iter_mut().for_each(|x| x[1] = "1".into())), &["`u` is constant", "excites"]),
+        ("degrees", edited(scaled(57.3)), &["a.csv", "`q_rad` runs from", "degrees, convert to rad"]),
+        ("too short", text("t_s,u,q_rad", &rows()[..20]), &["only 20 rows", "record some seconds"]),
+        ("unexcited", edited(noise), &["`q_rad` hardly leaves its noise", "record larger motion"]),
+        ("no sample", edited(|r| r.iter_mut().for_each(|x| x[2] = String::new())), &["`q_rad` has no sample at all"]),
+    ];
+    for (what, csv, said) in cases {
+        let warnings = load(&csv).expect(what).recordings[0].warnings.join("\n");
+        for part in said {
+            assert!(warnings.contains(part), "{what}: `{part}` is not in `{warnings}`");
+        }
+    }
+}
+
+#[test]
+fn columns_that_nobody_asked_for_are_left_alone() {
+    let csv: String = edited(|_| {}).lines().map(|l| format!("{l},note\n")).collect();
+    let plain = load(&edited(|_| {})).unwrap();
+    assert_eq!(load(&csv).unwrap(), plain);
+    assert!(plain.recordings[0].warnings.is_empty(), "{:?}", plain.recordings[0].warnings);
+}
