@@ -117,7 +117,8 @@ fn settled(found: Hypothesis, context: &Context) -> Hypothesis {
     }
 }
 
-fn warnings(experiment: &Experiment, dropped: &[usize]) -> Vec<String> {
+/// What was odd in the input. `dropped`: samples left out per recording.
+pub(super) fn warnings(experiment: &Experiment, dropped: &[usize]) -> Vec<String> {
     let mut out: Vec<String> = experiment.recordings.iter().flat_map(|r| r.warnings.clone()).collect();
     let total: usize = dropped.iter().sum();
     if total > 0 {

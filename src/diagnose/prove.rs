@@ -21,21 +21,36 @@ pub struct Models<'r> {
 
 /// Figures and signals of all recordings.
 ///
+/// The model as given may run away where it is far off; its error is infinite then.
+///
 /// # Errors
-/// A model does not run on a recording.
+/// One of the other two models does not run on a recording.
 pub fn proof(experiment: &Experiment, models: Models<'_>) -> Result<(Vec<Figure>, Vec<Trace>), RolloutError> {
     let pooled = [Use::Fit, Use::Heldout].map(|u| Pooled::of(&experiment.rig, experiment.of_use(u)));
     let one = |recording: &Recording| {
         let pooled = &pooled[usize::from(recording.usage == Use::Heldout)];
         let run = |rig: &Rig| free_run(rig, recording, pooled);
         let same = models.refitted == models.explained;
-        let (given, refitted) = (run(models.given)?, run(models.refitted)?);
+        let refitted = run(models.refitted)?;
+        let given = match run(models.given) {
+            Err(RolloutError::Diverged { .. }) => ran_away(&refitted),
+            other => other?,
+        };
         let explained = if same { refitted.clone() } else { run(models.explained)? };
         Ok(lines(experiment, recording, [&given, &refitted, &explained]))
     };
     let parts: Vec<_> = experiment.recordings.par_iter().map(one).collect::<Result<_, _>>()?;
     let (figures, traces): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
     Ok((figures.concat(), traces.concat()))
+}
+
+/// A run like `other` of which nothing is left.
+fn ran_away(other: &FreeRun) -> FreeRun {
+    FreeRun {
+        predicted: other.predicted.iter().map(|channel| vec![f64::NAN; channel.len()]).collect(),
+        initial: other.initial.clone(),
+        nrmse: other.nrmse.iter().map(|error| error.map(|_| f64::INFINITY)).collect(),
+    }
 }
 
 fn lines(experiment: &Experiment, recording: &Recording, runs: [&FreeRun; 3]) -> (Vec<Figure>, Vec<Trace>) {

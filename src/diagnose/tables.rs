@@ -14,7 +14,7 @@ fn scaled(of: &Hypothesis) -> Vec<Scaled> {
         let entry = &of.problem.theta.entries[i];
         let width = entry.bounds.max - entry.bounds.min;
         let scale = if of.problem.logarithmic[i] { 1.0 } else { values[i].abs().max(0.02 * width.min(1e12)) };
-        Scaled { name: entry.name.clone(), scale }
+        Scaled { name: entry.name.clone(), value: values[i], scale }
     };
     (0..values.len()).map(one).collect()
 }

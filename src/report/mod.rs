@@ -3,6 +3,7 @@
 //! RT: no.
 
 pub mod findings;
+pub mod identified;
 pub mod page;
 pub mod plot;
 pub mod table;

@@ -117,6 +117,17 @@ pub fn with_deviation(value: f64, std: f64) -> String {
     format!("{value:.decimals$} ± {std:.decimals$}")
 }
 
+/// `low … high`, cut where the second digit of a quarter of their distance stands.
+pub fn range(low: f64, high: f64) -> String {
+    let width = 0.25 * (high - low);
+    if !(width.is_finite() && (1e-6..1e5).contains(&width) && low.abs().max(high.abs()) < 1e5) {
+        return format!("{} … {}", number(low), number(high));
+    }
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 7")]
+    let decimals = (1.0 - width.log10().floor()).max(0.0) as usize;
+    format!("{low:.decimals$} … {high:.decimals$}")
+}
+
 fn trimmed(text: &str) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text.to_owned() }
 }

@@ -5,9 +5,11 @@
 //!
 //! - [`signals`]: measured against simulated, residuals, laws
 //! - [`numbers`]: tables and the ranking
+//! - [`identified`]: the page of an identification
 //!
 //! RT: no.
 
+mod identified;
 mod numbers;
 mod signals;
 
@@ -15,12 +17,13 @@ use super::findings::{Findings, Verdict};
 use super::plot::STYLE;
 use super::table::escape;
 
+pub use identified::identification;
+
 /// Sizes and spaces; colours come with the plots.
 const LAYOUT: &str = include_str!("page.css");
 
 /// The page of a diagnosis.
 pub fn html(findings: &Findings) -> String {
-    let title = escape(&format!("Compass diagnosis: {}", findings.rig));
     let body = [
         head(findings),
         next(findings),
@@ -30,10 +33,16 @@ pub fn html(findings: &Findings) -> String {
         numbers::candidates(findings),
         numbers::errors(findings),
         numbers::parameters(findings),
-        warnings(findings),
+        odd_input(&findings.warnings),
         foot(findings),
     ]
     .concat();
+    document(&format!("Compass diagnosis: {}", findings.rig), &body)
+}
+
+/// A whole file around a body.
+fn document(title: &str, body: &str) -> String {
+    let title = escape(title);
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
          <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{title}</title>\
@@ -91,8 +100,8 @@ fn next(findings: &Findings) -> String {
     findings.diagnosis.next_experiment.as_ref().map(told).unwrap_or_default()
 }
 
-fn warnings(findings: &Findings) -> String {
-    let items: String = findings.warnings.iter().map(|text| format!("<li>{}</li>", escape(text))).collect();
+fn odd_input(warnings: &[String]) -> String {
+    let items: String = warnings.iter().map(|text| format!("<li>{}</li>", escape(text))).collect();
     if items.is_empty() {
         return String::new();
     }

@@ -71,9 +71,14 @@ fn small_figure(row: &Figure, trace: &Trace) -> String {
         number(100.0 * row.nrmse_refitted),
         number(100.0 * row.nrmse_explained)
     );
+    titled(trace, &caption)
+}
+
+/// A drawing of one trace, half the page wide.
+pub(super) fn titled(trace: &Trace, caption: &str) -> String {
     let mut plot = overlay(trace, 450.0, 220.0);
     plot.title = format!("{}, {}", trace.recording, trace.channel);
-    figure(&plot, &caption)
+    figure(&plot, caption)
 }
 
 /// Range that shows the measurement and what should follow it; a given simulation that runs away leaves the paper.

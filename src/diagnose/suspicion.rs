@@ -1,0 +1,197 @@
+//! What a base fit makes suspicious about its input: runs that forget their start, recordings of different machines.
+//!
+//! RT: no.
+
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::white;
+use crate::identify::experiment::Recording;
+use crate::identify::fit::{FreeRuns, Limits, Point};
+use crate::identify::noise::{Colour, median_abs};
+use crate::identify::problem::Problem;
+use crate::report::table::number;
+
+/// Warnings that go with a base fit: what, where, remedy.
+#[must_use]
+pub fn suspicions(of: &Hypothesis, floors: &[f64]) -> Vec<String> {
+    let mut out = unstable(of);
+    out.extend(disagreement(of, floors));
+    out
+}
+
+/// A start that grows by this factor within a window is lost in it.
+const LOST: f64 = 3e3;
+
+/// Growth at which a window should end.
+const ENOUGH: f64 = 30.0;
+
+/// One line per recording whose windows are too long for an unstable or chaotic motion.
+fn unstable(of: &Hypothesis) -> Vec<String> {
+    let mut out = Vec::new();
+    for (r, recording) in of.problem.recordings.iter().enumerate() {
+        let windows = of.problem.windows.iter().enumerate().filter(|(_, (of, _))| *of == r);
+        let worst =
+            windows.filter_map(|(flat, (_, w))| growth(of, flat, *w, recording)).max_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((factor, enough_s)) = worst.filter(|(factor, _)| *factor > LOST) else { continue };
+        out.push(format!(
+            "{}: unstable or chaotic: an error of the start grows {factor:.0e} times within a window; set `window_s = {}` \
+             for it in rig.toml",
+            recording.name,
+            number(enough_s)
+        ));
+    }
+    out
+}
+
+/// Largest growth of an initial coordinate within a window, and the time after which it is [`ENOUGH`].
+fn growth(of: &Hypothesis, flat: usize, window: usize, recording: &Recording) -> Option<(f64, f64)> {
+    let channels = of.problem.run(flat, &of.point.parameters, &of.point.states[flat], true)?;
+    let rows = recording.windows()[window].clone();
+    let (first, count) = (of.point.parameters.len(), of.problem.degrees());
+    let mut worst = (0.0_f64, f64::INFINITY);
+    for (series, _) in channels.iter().zip(&of.rig.sensors).filter(|(_, s)| !s.is_rate) {
+        for slope in series.slopes.iter().skip(first).take(count) {
+            for (k, x) in slope.iter().enumerate().filter(|(_, x)| x.is_finite()) {
+                worst.0 = worst.0.max(x.abs());
+                if x.abs() > ENOUGH {
+                    worst.1 = worst.1.min(recording.times[rows.start + k] - recording.times[rows.start]);
+                }
+            }
+        }
+    }
+    Some(worst)
+}
+
+/// Residuals that fall by this factor when each recording is fitted alone ask whether all are of one machine.
+const ALONE: f64 = 3.0;
+
+/// A residual within this factor of the sample-to-sample noise is explained.
+const EXPLAINED: f64 = 2.0;
+
+/// Says so if every recording agrees with the model by itself, but not with the others.
+fn disagreement(of: &Hypothesis, floors: &[f64]) -> Option<String> {
+    let count = of.problem.recordings.len();
+    if count < 2 || of.point.parameters.is_empty() {
+        return None;
+    }
+    let noise = white(&of.residuals, floors);
+    // Cheap first: nothing to ask for where the common fit explains everything.
+    let together: Vec<f64> = (0..count).map(|r| excess(of, r, floors)).collect();
+    if together.iter().all(|x| *x < ALONE) {
+        return None;
+    }
+    let alone: Vec<Hypothesis> = (0..count).map(|r| alone(of, r, &noise, floors)).collect::<Option<_>>()?;
+    let falls = alone.iter().zip(&together).any(|(a, before)| *before > ALONE * excess(a, 0, floors));
+    if !falls || alone.iter().any(|a| excess(a, 0, floors) > EXPLAINED) {
+        return None;
+    }
+    let values: Vec<Vec<f64>> = alone.iter().map(|a| a.problem.values(&a.point.parameters)).collect();
+    let spread = |i: usize| {
+        let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v[i]), h.max(v[i])));
+        (high - low) / low.abs().max(high.abs()).max(1e-300)
+    };
+    let most = (0..values[0].len()).max_by(|a, b| spread(*a).total_cmp(&spread(*b)))?;
+    let each = of.problem.recordings.iter().zip(&values).map(|(r, v)| format!("{} in {}", number(v[most]), r.name));
+    Some(format!(
+        "each recording agrees with the model by itself, but not with the others: {} is {}; are they all of the same rig? \
+         What differs on purpose belongs into `parameters` of its recording in rig.toml",
+        of.problem.theta.entries[most].name,
+        each.collect::<Vec<_>>().join(", ")
+    ))
+}
+
+/// The same rig fitted to one recording only.
+fn alone(of: &Hypothesis, recording: usize, noise: &[Colour], floors: &[f64]) -> Option<Hypothesis> {
+    let problem = Problem::new(of.rig.clone(), vec![of.problem.recordings[recording].clone()]);
+    let mine = of.problem.windows.iter().zip(&of.point.states).filter(|((r, _), _)| *r == recording);
+    let start = Point { parameters: problem.vector(), states: mine.map(|(_, state)| state.clone()).collect() };
+    Hypothesis::fitted(problem, start, noise, floors, Limits { iterations: 10, tolerance: 1e-4 })
+}
+
+/// Residual of one recording over its sample-to-sample noise, the worst channel.
+fn excess(of: &Hypothesis, recording: usize, floors: &[f64]) -> f64 {
+    let windows: Vec<usize> = (0..of.problem.windows.len()).filter(|w| of.problem.windows[*w].0 == recording).collect();
+    let channel = |c: usize| {
+        let samples = &of.problem.recordings[recording].measured[c];
+        let bends: Vec<f64> = samples.windows(3).map(|y| y[0] - 2.0 * y[1] + y[2]).collect();
+        let noise = (median_abs(&bends) / (0.6745 * libm::sqrt(6.0))).max(floors[c]);
+        let residual: Vec<f64> = windows.iter().flat_map(|w| of.residuals[c][*w].iter().copied()).collect();
+        let rms = libm::sqrt(residual.iter().map(|x| x * x).sum::<f64>() / residual.len().max(1) as f64);
+        if noise.is_finite() && noise > 0.0 { rms / noise } else { 0.0 }
+    };
+    (0..of.rig.sensors.len()).filter(|c| floors[*c].is_finite()).map(channel).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::diagnose::identification::identify;
+    use crate::identify::experiment::{Experiment, Recording};
+    use crate::identify::synthesis::record;
+    use crate::model::rig::Rig;
+
+    fn rig(parameters: &str) -> Rig {
+        let text = format!(
+            "schema = 1\nmechanism = \"pendulum\"\n[parameters]\n{parameters}\n[[actuator]]\njoint = \"q1\"\n\
+             column = \"u\"\ngain = 0.05\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"q_rad\"\nnoise_std = 0.001\n\
+             [[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\n[[recording]]\nfile = \"b.csv\"\nuse = \"fit\"\n"
+        );
+        Rig::parse(&text, "rig.toml").unwrap()
+    }
+
+    /// Five seconds of `truth` under two sines, as recording `index` of `of`.
+    fn recorded(truth: &Rig, of: &Rig, index: usize, initial: &[f64]) -> Recording {
+        let times: Vec<f64> = (0..500).map(|k| f64::from(k) * 0.01).collect();
+        let input = times.iter().map(|t| libm::sin(4.0 * t) + libm::sin(7.1 * t + index as f64)).collect();
+        let mut recording = Recording {
+            name: of.recordings[index].file.clone(),
+            index,
+            usage: of.recordings[index].usage,
+            window_s: None,
+            setup: None,
+            inputs: vec![input],
+            enabled: vec![Vec::new()],
+            measured: Vec::new(),
+            stance: Vec::new(),
+            warnings: Vec::new(),
+            times,
+        };
+        recording.measured = record(truth, &recording, initial, Some(index as u64)).unwrap().measured;
+        recording
+    }
+
+    fn warnings(truths: [&Rig; 2], model: Rig) -> String {
+        let recordings = truths.iter().enumerate().map(|(i, truth)| recorded(truth, &model, i, &[0.3])).collect();
+        identify(&Experiment { rig: model, recordings }).unwrap().found.warnings.join("\n")
+    }
+
+    const FREE: &str = "inertia_kg_m2 = { value = 0.011, min = 0.005, max = 0.03 }\n\
+        gravity_nm = { value = 0.36, min = 0.2, max = 0.8 }";
+
+    #[test]
+    fn two_recordings_of_different_rigs_are_told_apart_by_what_differs() {
+        let (light, heavy) =
+            (rig("inertia_kg_m2 = 0.010\ngravity_nm = 0.35"), rig("inertia_kg_m2 = 0.015\ngravity_nm = 0.36"));
+        let said = warnings([&light, &heavy], rig(FREE));
+        assert!(said.contains("all of the same rig") && said.contains("inertia_kg_m2"), "{said}");
+        assert!(said.contains("a.csv") && said.contains("b.csv"), "{said}");
+        assert_eq!(warnings([&light, &light], rig(FREE)), "");
+    }
+
+    #[test]
+    fn an_unstable_mechanism_without_windows_is_told_to_use_them() {
+        // Two links thrown from above the horizontal: chaotic.
+        let links = "inertia1_kg_m2 = 0.031\ninertia2_kg_m2 = 0.016\nmoment1_kg_m = 0.12\nmoment2_kg_m = 0.075\n\
+            mass2_kg = 0.5\nlength1_m = 0.3\ngravity_m_s2 = 9.81";
+        let double = |parameters: &str| {
+            let text = rig(FREE).to_toml().replace("\"pendulum\"", "\"double_pendulum\"");
+            let from = text.find("[parameters]").unwrap();
+            let to = text.find("[[actuator]]").unwrap();
+            let text = format!("{}[parameters]\n{parameters}\n\n{}", &text[..from], &text[to..]);
+            Rig::parse(&text, "rig.toml").unwrap()
+        };
+        let truth = double(links);
+        let model = double(&links.replace("= 0.12", "= { value = 0.1201, min = 0.1, max = 0.15 }"));
+        let recordings = (0..2).map(|i| recorded(&truth, &model, i, &[2.4, 1.0])).collect();
+        let said = identify(&Experiment { rig: model, recordings }).unwrap().found.warnings.join("\n");
+        assert!(said.contains("a.csv: unstable or chaotic") && said.contains("`window_s = "), "{said}");
+    }
+}
