@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 Examples:
   compass predict cases/real/sydney_pendulum_inner/rig.toml            all recordings beside the rig
   compass predict model.toml run_c.csv --out run_c_predicted.csv       one; a plot goes beside: run_c_predicted.svg
+  compass predict answer/model.toml REC.mcap --setup inner_stance --window-s 0.5      a recording of the robot itself
 
 A free run follows the recorded inputs; only the initial state of each window is fitted. NRMSE: error over the
 standard deviation of the channel, pooled over the recordings of the same use.
