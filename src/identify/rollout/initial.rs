@@ -20,6 +20,10 @@ const PROBES: [f64; 6] = [-1.0, -0.3, -0.05, 0.05, 0.3, 1.0];
 const SMALL: f64 = 0.02;
 /// A probe must save this part of the cost.
 const WORTHWHILE: f64 = 0.01;
+/// A cost above this many times that of the noise makes other starts worth their time.
+const NOISY: f64 = 1.3;
+/// Parts of the window that the growing horizon takes first: an eighth, then a third.
+const PARTS: [usize; 2] = [8, 3];
 /// Relative gain below which the fit has arrived.
 const ARRIVED: f64 = 1e-10;
 /// Damping at the start, growth and decay.
@@ -73,11 +77,57 @@ impl Rollout<'_> {
     /// channel that is only noise).
     ///
     /// Sticking and impacts make plateaus where derivatives say nothing: from each minimum, probes along every number
-    /// look for a lower valley.
+    /// look for a lower valley. Where the residual stays above the noise of the samples, the fit is also made on a horizon
+    /// that grows from the start of the window, and the better one is taken.
     ///
     /// # Errors
     /// The simulation diverged from the start.
     pub fn fit_initial(&self, window: usize, weights: &[f64], start: &[f64]) -> Result<Vec<f64>, RolloutError> {
+        let best = self.explore(window, weights, start)?;
+        if best.1 <= NOISY * self.noise_cost(window, weights) {
+            return Ok(best.0);
+        }
+        let grown = self.grown(window, weights, start);
+        Ok(match self.explore(window, weights, &grown) {
+            Ok(other) if other.1 < best.1 => other.0,
+            _ => best.0,
+        })
+    }
+
+    /// A start from fits on the first parts of the window.
+    fn grown(&self, window: usize, weights: &[f64], start: &[f64]) -> Vec<f64> {
+        let rows = self.windows[window].clone();
+        let mut x = start.to_vec();
+        for part in PARTS {
+            let short = rows.start..rows.start + (rows.len() / part).max(2 * GUESS_ROWS).min(rows.len());
+            let first = Self {
+                recording: self.recording,
+                setting: self.setting.clone(),
+                windows: vec![short],
+                layout: self.layout.clone(),
+                fidelity: self.fidelity,
+            };
+            if let Ok((next, _)) = first.explore(0, weights, &x) {
+                x = next;
+            }
+        }
+        x
+    }
+
+    /// Cost that the noise of the samples alone would have, from their second differences.
+    fn noise_cost(&self, window: usize, weights: &[f64]) -> f64 {
+        let rows = self.windows[window].clone();
+        let one = |(weight, samples): (&f64, &Vec<f64>)| {
+            let present: Vec<f64> = samples[rows.clone()].iter().copied().filter(|y| !y.is_nan()).collect();
+            let bends: f64 = present.windows(3).map(|y| (y[0] - 2.0 * y[1] + y[2]) * (y[0] - 2.0 * y[1] + y[2])).sum();
+            // White noise bends by six times its variance.
+            weight * weight * bends / 6.0
+        };
+        weights.iter().zip(&self.recording.measured).map(one).sum()
+    }
+
+    /// The minimum below `start`, and lower valleys that probes find beside it.
+    fn explore(&self, window: usize, weights: &[f64], start: &[f64]) -> Result<(Vec<f64>, f64), RolloutError> {
         let mut best = self.descend(window, weights, start)?;
         for _ in 0..MOST_PROBES {
             let Some(probe) = self.probe(window, weights, &best) else { break };
@@ -87,7 +137,7 @@ impl Rollout<'_> {
             }
             best = next;
         }
-        Ok(best.0)
+        Ok(best)
     }
 
     /// Best of the points beside `best` that costs clearly less.
