@@ -14,7 +14,7 @@ use crate::diagnose::unlisted::{PATCHES, is_patch};
 use crate::identify::fit::{FreeRuns, Limits, Series};
 use crate::identify::noise::Colour;
 use crate::model::effect::EffectKind;
-use crate::model::rig::{Effect, Rig, Scope, Slot, Value};
+use crate::model::rig::{Effect, Rig, Scope, Side, Slot, Value};
 use rayon::prelude::*;
 
 /// Candidates that are fitted in full per round.
@@ -97,6 +97,9 @@ pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
     let mut effect = Effect::new(kind, &candidate.at, values);
     effect.recordings = candidate.only.iter().cloned().collect();
     out.effects.push(effect);
+    for sensor in out.sensors.iter_mut().filter(|s| candidate.motor_sensor.as_ref() == Some(&s.column)) {
+        sensor.side = Side::Motor;
+    }
     out
 }
 
@@ -293,7 +296,8 @@ pub fn is_worth(base: &Hypothesis, trial: &Trial, explained_before: f64, context
     let share = trial.gain >= 0.04 * explained_before;
     // Against smooth misfit chance has no measure: a tenth of the squares is the least that a user would notice.
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
-    let noticed = !misfit || trial.gain > 0.1 * context.samples as f64;
+    // A push or a jump fits a piece of any smooth misfit: it counts where nothing but noise stays.
+    let noticed = !misfit || (trial.gain > 0.1 * context.samples as f64 && !is_patched(base, &trial.candidate));
     trial.gain > worth(context, trial.candidate.keys.len()) && sure.low > 0.0 && share && noticed && !at_zero(trial)
 }
 
@@ -346,6 +350,9 @@ fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context) -> 
     let one = |trial: &Trial| {
         let mut rig = found.rig.clone();
         rig.effects[e] = trial.hypothesis.rig.effects.last()?.clone();
+        if trial.candidate.motor_sensor.is_some() {
+            rig.sensors.clone_from(&trial.hypothesis.rig.sensors);
+        }
         let (problem, point) = found.extended(rig);
         let limits = Limits { iterations: 10, tolerance: 1e-5 };
         let hypothesis = Hypothesis::fitted(problem, point, &found.noise, &context.floors, limits)?;

@@ -40,6 +40,8 @@ pub struct ActuatorScale {
 pub struct SensorScale {
     /// Column.
     pub column: String,
+    /// Coordinate that it reads.
+    pub joint: String,
     /// Standard deviation of the reading.
     pub spread: f64,
     /// True if it reads a rate.
@@ -93,6 +95,8 @@ pub struct Candidate {
     pub starts: Vec<Vec<f64>>,
     /// The one recording that it acts in, for single events.
     pub only: Option<String>,
+    /// The sensor that sits on the motor side of the joint then, where two read the same coordinate.
+    pub motor_sensor: Option<String>,
 }
 
 const fn linear(name: &'static str, min: f64, max: f64) -> Key {
@@ -104,7 +108,7 @@ const fn decades(name: &'static str, min: f64, max: f64) -> Key {
 }
 
 fn candidate(effect: &'static str, at: &str, keys: Vec<Key>, starts: Vec<Vec<f64>>) -> Candidate {
-    Candidate { effect, at: at.to_owned(), keys, starts, only: None }
+    Candidate { effect, at: at.to_owned(), keys, starts, only: None, motor_sensor: None }
 }
 
 /// Every candidate of the library that makes sense on this mechanism. Localised ones (a push, lost counts) start at
@@ -117,6 +121,7 @@ pub fn library(scales: &Scales) -> Vec<Candidate> {
         all.extend(forces(joint));
         if joint.driven {
             all.extend(transmission(joint));
+            all.extend(two_encoders(joint, scales));
         }
         // A mode stands at a link; the hip of a compass gait has none of its own.
         if joint.name != "hip" {
@@ -147,12 +152,6 @@ fn friction(j: &JointScale, scales: &Scales) -> Vec<Candidate> {
             vec![vec![0.003 * viscous]],
         ),
         candidate("coulomb_friction", &j.name, vec![linear("coulomb", 0.0, 3.0 * level)], vec![vec![small]]),
-        candidate(
-            "stribeck_friction",
-            &j.name,
-            vec![linear("extra", 0.0, 3.0 * level), decades("velocity", 0.003 * j.rate, 2.0 * j.rate)],
-            [0.03, 0.1, 0.3, 0.8].iter().map(|v| vec![small, v * j.rate]).collect(),
-        ),
         candidate("load_friction", &j.name, vec![linear("coefficient", 0.0, 2.0)], vec![vec![0.01]]),
         candidate(
             "quadratic_drag",
@@ -161,7 +160,14 @@ fn friction(j: &JointScale, scales: &Scales) -> Vec<Candidate> {
             vec![vec![0.002 * viscous / j.rate.max(1e-12)]],
         ),
     ];
+    // These refine a Coulomb level; without one they would stand in for it.
     if j.coulomb > 0.0 {
+        all.push(candidate(
+            "stribeck_friction",
+            &j.name,
+            vec![linear("extra", 0.0, 3.0 * level), decades("velocity", 0.003 * j.rate, 2.0 * j.rate)],
+            [0.03, 0.1, 0.3, 0.8].iter().map(|v| vec![small, v * j.rate]).collect(),
+        ));
         let limit = 2.0 / scales.duration_s;
         all.push(candidate("friction_drift", &j.name, vec![linear("rate", -limit, 10.0 * limit)], vec![vec![0.0]]));
         let softest = j.coulomb / (0.2 * j.travel);
@@ -192,8 +198,8 @@ fn forces(j: &JointScale) -> Vec<Candidate> {
 fn transmission(j: &JointScale) -> Vec<Candidate> {
     let (tau, pi) = (2.0 * std::f64::consts::PI, std::f64::consts::PI);
     let mut elastic = Vec::new();
-    for share in [0.05, 0.2, 0.5] {
-        for hz in [4.0, 9.0, 18.0, 36.0, 75.0] {
+    for share in [0.15, 0.5] {
+        for hz in [4.0, 10.0, 25.0, 75.0] {
             let rotor = share * j.inertia;
             let reduced = rotor * (1.0 - share);
             let stiffness = reduced * (tau * hz) * (tau * hz);
@@ -223,6 +229,18 @@ fn transmission(j: &JointScale) -> Vec<Candidate> {
                 .collect(),
         ),
     ]
+}
+
+/// An elastic joint with two sensors of one kind: either of them may sit on the motor.
+fn two_encoders(j: &JointScale, scales: &Scales) -> Vec<Candidate> {
+    let here: Vec<&SensorScale> = scales.sensors.iter().filter(|s| s.joint == j.name).collect();
+    let paired = |s: &SensorScale| here.iter().filter(|o| o.of_rate == s.of_rate).count() > 1;
+    let elastic: Vec<Candidate> = transmission(j).into_iter().filter(|c| c.effect == "joint_elasticity").collect();
+    let on_motor = |s: &&SensorScale| {
+        let column = s.column.clone();
+        elastic.iter().map(move |c| Candidate { motor_sensor: Some(column.clone()), ..c.clone() }).collect::<Vec<_>>()
+    };
+    here.iter().copied().filter(|s| paired(s)).flat_map(|s| on_motor(&s)).collect()
 }
 
 fn structure(j: &JointScale) -> Vec<Candidate> {
@@ -376,7 +394,7 @@ mod tests {
                 turns: true,
             }],
             actuators: vec![ActuatorScale { column: "u".into(), peak: 1.0 }],
-            sensors: vec![SensorScale { column: "q1_rad".into(), spread: 0.3, of_rate: false }],
+            sensors: vec![SensorScale { column: "q1_rad".into(), joint: "q1".into(), spread: 0.3, of_rate: false }],
             step_s: 0.0025,
             duration_s: 6.0,
             leg_m: Some(1.0),
@@ -396,6 +414,14 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn two_encoders_on_a_joint_make_each_of_them_a_motor_encoder() {
+        let mut two = scales();
+        two.sensors.push(SensorScale { column: "load_rad".into(), ..two.sensors[0].clone() });
+        let on_motor = |s: &Scales| library(s).iter().filter(|c| c.motor_sensor.is_some()).count();
+        assert_eq!((on_motor(&scales()), on_motor(&two)), (0, 2));
     }
 
     #[test]

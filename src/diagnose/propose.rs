@@ -2,7 +2,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::candidates::{Candidate, Key, Scales, library};
+use crate::diagnose::candidates::{Candidate, JointScale, Key, Scales, library};
 use crate::diagnose::flexible::flexibility;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::scan::{Hit, jump, push, ripple};
@@ -18,8 +18,12 @@ const MOST_PERIODS: usize = 60;
 #[must_use]
 pub fn candidates(now: &Hypothesis, scales: &Scales, screen: &Screen, windows: &[Tangent]) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = library(scales).into_iter().filter(|c| !stands(now, c)).collect();
-    for candidate in all.iter_mut().filter(|c| c.effect == "link_flexibility") {
-        start_at_lines(candidate, now, scales, screen, windows);
+    for (j, joint) in scales.joints.iter().enumerate() {
+        let narrow = |c: &Candidate| c.at == joint.name && ["link_flexibility", "joint_elasticity"].contains(&c.effect);
+        if all.iter().any(narrow) {
+            let lines = lines(now, scales, screen, windows, j);
+            all.iter_mut().filter(|c| narrow(c)).for_each(|c| start_at_lines(c, joint, &lines));
+        }
     }
     for (j, _) in scales.joints.iter().enumerate() {
         all.extend(ripple_candidate(scales, screen, windows, j));
@@ -41,19 +45,38 @@ fn stands(now: &Hypothesis, candidate: &Candidate) -> bool {
     twin || here.into_iter().any(|e| e.values.iter().any(|v| v.is_free()))
 }
 
-/// A structural mode has a narrow line: a coarse grid would miss it, so it starts where a dense scan finds one.
-fn start_at_lines(candidate: &mut Candidate, now: &Hypothesis, scales: &Scales, screen: &Screen, windows: &[Tangent]) {
-    let Some(j) = scales.joints.iter().position(|j| j.name == candidate.at) else { return };
+/// Where something rings at joint `j`.
+fn lines(now: &Hypothesis, scales: &Scales, screen: &Screen, windows: &[Tangent], j: usize) -> Vec<Hit<(f64, f64)>> {
     // The second link of a chain turns by the sum of both angles.
     let chain = now.rig.mechanism == MechanismKind::DoublePendulum && j == 1;
     let absolute = if chain { vec![0, 1] } else { vec![j] };
-    let clamped = |i: usize, x: f64| x.clamp(candidate.keys[i].min, candidate.keys[i].max);
-    let start = |hit: &Hit<(f64, f64)>| {
-        vec![clamped(0, hit.at.0), clamped(1, hit.at.1), clamped(2, hit.score.amplitudes[0].clamp(0.003, 0.5))]
+    flexibility(screen, windows, &scales.joints[j], &absolute)
+}
+
+/// Shares of the inertia that a rotor behind a ringing joint may have.
+const ROTOR_SHARES: [f64; 3] = [0.05, 0.12, 0.3];
+
+/// A mode or a spring has a narrow line, which a coarse grid would miss: it starts where a dense scan finds one.
+fn start_at_lines(candidate: &mut Candidate, joint: &JointScale, lines: &[Hit<(f64, f64)>]) {
+    let omega = |hit: &Hit<(f64, f64)>| 2.0 * std::f64::consts::PI * hit.at.0;
+    let starts: Vec<Vec<f64>> = if candidate.effect == "link_flexibility" {
+        lines.iter().map(|hit| vec![hit.at.0, hit.at.1, hit.score.amplitudes[0].clamp(0.003, 0.5)]).collect()
+    } else {
+        let spring = |hit: &Hit<(f64, f64)>, share: f64| {
+            let reduced = share * (1.0 - share) * joint.inertia;
+            vec![reduced * omega(hit).powi(2), 2.0 * hit.at.1 * reduced * omega(hit), share * joint.inertia]
+        };
+        lines.iter().take(2).flat_map(|hit| ROTOR_SHARES.map(|share| spring(hit, share))).collect()
     };
-    let starts: Vec<Vec<f64>> = flexibility(screen, windows, &scales.joints[j], &absolute).iter().map(start).collect();
-    if !starts.is_empty() {
+    let inside = |start: Vec<f64>| -> Vec<f64> {
+        start.iter().zip(&candidate.keys).map(|(x, k)| x.clamp(k.min, k.max)).collect()
+    };
+    let starts: Vec<Vec<f64>> = starts.into_iter().map(inside).collect();
+    if candidate.effect == "link_flexibility" && !starts.is_empty() {
         candidate.starts = starts;
+    } else {
+        // A stiff, well damped joint rings nowhere: its grid stays.
+        candidate.starts.extend(starts);
     }
 }
 
@@ -88,6 +111,7 @@ fn ripple_candidate(scales: &Scales, screen: &Screen, windows: &[Tangent], joint
         keys,
         starts: vec![vec![amplitude, order, libm::atan2(cosine, sine)]],
         only: None,
+        motor_sensor: None,
     })
 }
 
@@ -117,6 +141,7 @@ fn push_candidate(
         keys,
         starts: vec![vec![impulse, time]],
         only: file(now, &windows[w]),
+        motor_sensor: None,
     })
 }
 
@@ -140,5 +165,12 @@ fn jump_candidate(
         Key { name: "step", min: -bound, max: bound, log: false },
         Key { name: "time", min: time, max: time, log: false },
     ];
-    Some(Candidate { effect: "lost_counts", at, keys, starts: vec![vec![step, time]], only: file(now, &windows[w]) })
+    Some(Candidate {
+        effect: "lost_counts",
+        at,
+        keys,
+        starts: vec![vec![step, time]],
+        only: file(now, &windows[w]),
+        motor_sensor: None,
+    })
 }

@@ -23,7 +23,12 @@ pub fn scales(of: &Hypothesis, windows: &[Tangent], pooled: &Pooled) -> Scales {
             .collect(),
         sensors: (of.rig.sensors.iter().zip(&pooled.std))
             .filter(|(_, std)| std.is_finite() && **std > 0.0)
-            .map(|(s, std)| SensorScale { column: s.column.clone(), spread: *std, of_rate: s.is_rate })
+            .map(|(s, std)| SensorScale {
+                column: s.column.clone(),
+                joint: of.rig.mechanism.coordinates()[s.joint].into(),
+                spread: *std,
+                of_rate: s.is_rate,
+            })
             .collect(),
         step_s: median(&steps),
         duration_s: recordings.iter().map(|r| r.times[r.len() - 1] - r.times[0]).fold(0.0, f64::max),
