@@ -14,7 +14,7 @@ use crate::diagnose::unlisted::{PATCHES, is_patch};
 use crate::identify::fit::{FreeRuns, Limits, Series};
 use crate::identify::noise::Colour;
 use crate::model::effect::EffectKind;
-use crate::model::rig::{Effect, Rig, Scope, Side, Slot, Value};
+use crate::model::rig::{Effect, Rig, Scope, Sensor, Side, Slot, Value};
 use rayon::prelude::*;
 
 /// Candidates that are fitted in full per round.
@@ -296,9 +296,26 @@ pub fn is_worth(base: &Hypothesis, trial: &Trial, explained_before: f64, context
     let share = trial.gain >= 0.04 * explained_before;
     // Against smooth misfit chance has no measure: a tenth of the squares is the least that a user would notice.
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
-    // A push or a jump fits a piece of any smooth misfit: it counts where nothing but noise stays.
-    let noticed = !misfit || (trial.gain > 0.1 * context.samples as f64 && !is_patched(base, &trial.candidate));
+    // A push, a jump or two waves of a ripple fit a piece of any smooth misfit: they count where only noise stays.
+    let piece = is_patched(base, &trial.candidate) || is_short_ripple(base, trial);
+    let noticed = !misfit || (trial.gain > 0.1 * context.samples as f64 && !piece);
     trial.gain > worth(context, trial.candidate.keys.len()) && sure.low > 0.0 && share && noticed && !at_zero(trial)
+}
+
+/// Fewer periods than this within the travel are no ripple that anyone could tell from another law of position.
+const PERIODS: f64 = 3.0;
+
+fn is_short_ripple(base: &Hypothesis, trial: &Trial) -> bool {
+    let ripple = trial.hypothesis.rig.effects.last().filter(|e| e.kind == EffectKind::TorqueRipple);
+    let Some(order) = ripple.and_then(|e| e.get("order")) else { return false };
+    let joint = base.rig.mechanism.coordinate_index(&trial.candidate.at);
+    let travel = |(c, sensor): (usize, &Sensor)| {
+        let all = base.problem.recordings.iter().flat_map(|r| &r.measured[c]).filter(|x| x.is_finite());
+        let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+        if Some(sensor.joint) == joint && !sensor.is_rate { high - low } else { 0.0 }
+    };
+    let range = base.rig.sensors.iter().enumerate().map(travel).fold(0.0, f64::max);
+    order.value * range < PERIODS * 2.0 * std::f64::consts::PI
 }
 
 /// Swap and backward: every effect of `found` is exchanged for its close rivals in the company of the others, and
