@@ -4,7 +4,7 @@
 
 use crate::diagnose::base::{drop_spikes, fit_recordings, fitted, floors};
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::pipeline::{DiagnoseError, again, warnings};
+use crate::diagnose::pipeline::{DiagnoseError, again, runaway, warnings};
 use crate::diagnose::prove::{Models, proof};
 use crate::diagnose::suspicion::suspicions;
 use crate::diagnose::tables::{estimates, undetermined_combinations};
@@ -41,7 +41,7 @@ pub fn identify(experiment: &Experiment) -> Result<Identification, DiagnoseError
     let rig = &experiment.rig;
     let pooled = Pooled::of(rig, experiment.of_use(Use::Fit));
     let floors = floors(rig, &pooled, &recordings);
-    let first = fitted(rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
+    let first = fitted(rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
     let dropped = drop_spikes(&mut recordings, &first);
     let best = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
     let best = coloured(best, &floors);

@@ -16,13 +16,14 @@ use crate::diagnose::scales::scales;
 use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
 use crate::diagnose::sets::{answered, rejected};
+use crate::diagnose::suspicion::unstable;
 use crate::diagnose::tables::{headline, parameter_lines, ranking, undetermined_combinations};
 use crate::diagnose::unlisted::{Unlisted, unexplained};
 use crate::diagnose::verdict::{Diagnosis, Findings, Law, Missing, Trace, Verdict, verdict_of};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
 use crate::identify::floor::complaints;
-use crate::identify::rollout::{Pooled, RolloutError};
+use crate::identify::rollout::{Pooled, RolloutError, free_run};
 use crate::model::rig::{Rig, Use};
 use std::time::Instant;
 
@@ -63,7 +64,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let pooled = Pooled::of(&experiment.rig, experiment.of_use(Use::Fit));
     let floors = floors(&experiment.rig, &pooled, &recordings);
     said("base fit");
-    let first = fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
+    let first = fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
     let dropped = drop_spikes(&mut recordings, &first);
     let given = as_given(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
     let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
@@ -86,8 +87,10 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
     let rest = rest.map(|(unlisted, _)| unlisted);
+    let suspicious = unstable(&base);
     let answer = Found { given, base, found, added, rest, refit_needed };
     let mut warnings = warnings(experiment, &dropped);
+    warnings.extend(suspicious);
     let explained = answer.explained();
     warnings.extend(complaints(&explained.problem, &explained.point, &explained.noise));
     said("proof");
@@ -115,6 +118,12 @@ fn settled(found: Hypothesis, context: &Context) -> Hypothesis {
         Some(finer) if total(&finer) >= total(&found) => finer,
         _ => found,
     }
+}
+
+/// The recording on which the rig as given runs away, and when: what a person can mend.
+pub(super) fn runaway(experiment: &Experiment, pooled: &Pooled) -> DiagnoseError {
+    let runs = experiment.of_use(Use::Fit).map(|recording| free_run(&experiment.rig, recording, pooled));
+    runs.filter_map(Result::err).next().map_or(DiagnoseError::Diverges, DiagnoseError::Run)
 }
 
 /// What was odd in the input. `dropped`: samples left out per recording.

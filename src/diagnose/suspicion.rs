@@ -24,8 +24,9 @@ const LOST: f64 = 3e3;
 /// Growth at which a window should end.
 const ENOUGH: f64 = 30.0;
 
-/// One line per recording whose windows are too long for an unstable or chaotic motion.
-fn unstable(of: &Hypothesis) -> Vec<String> {
+/// One line per recording whose windows are too long for an unstable or chaotic motion; one linearisation.
+#[must_use]
+pub fn unstable(of: &Hypothesis) -> Vec<String> {
     let mut out = Vec::new();
     for (r, recording) in of.problem.recordings.iter().enumerate() {
         let windows = of.problem.windows.iter().enumerate().filter(|(_, (of, _))| *of == r);
