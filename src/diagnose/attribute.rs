@@ -296,18 +296,24 @@ pub fn is_worth(base: &Hypothesis, trial: &Trial, explained_before: f64, context
     let share = trial.gain >= 0.04 * explained_before;
     // Against smooth misfit chance has no measure: a tenth of the squares is the least that a user would notice.
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
-    // A push, a jump or two waves of a ripple fit a piece of any smooth misfit: they count where only noise stays.
-    let piece = is_patched(base, &trial.candidate) || is_short_ripple(base, trial);
-    let noticed = !misfit || (trial.gain > 0.1 * context.samples as f64 && !piece);
-    trial.gain > worth(context, trial.candidate.keys.len()) && sure.low > 0.0 && share && noticed && !at_zero(trial)
+    let noticed = !misfit || trial.gain > 0.1 * context.samples as f64;
+    let admitted = noticed && !is_piece(base, trial, context);
+    trial.gain > worth(context, trial.candidate.keys.len()) && sure.low > 0.0 && share && admitted && !at_zero(trial)
+}
+
+/// True for a push, a jump or a few waves of a ripple where more than noise stays: they fit a piece of any smooth misfit.
+fn is_piece(base: &Hypothesis, trial: &Trial, context: &Context) -> bool {
+    let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
+    periods(base, trial) < if misfit { PERIODS } else { 0.5 * PERIODS } || misfit && is_patched(base, &trial.candidate)
 }
 
 /// Fewer periods than this within the travel are no ripple that anyone could tell from another law of position.
 const PERIODS: f64 = 3.0;
 
-fn is_short_ripple(base: &Hypothesis, trial: &Trial) -> bool {
+/// Periods of a trial's ripple within the travel; infinite for other effects.
+fn periods(base: &Hypothesis, trial: &Trial) -> f64 {
     let ripple = trial.hypothesis.rig.effects.last().filter(|e| e.kind == EffectKind::TorqueRipple);
-    let Some(order) = ripple.and_then(|e| e.get("order")) else { return false };
+    let Some(order) = ripple.and_then(|e| e.get("order")) else { return f64::INFINITY };
     let joint = base.rig.mechanism.coordinate_index(&trial.candidate.at);
     let travel = |(c, sensor): (usize, &Sensor)| {
         let all = base.problem.recordings.iter().flat_map(|r| &r.measured[c]).filter(|x| x.is_finite());
@@ -315,7 +321,8 @@ fn is_short_ripple(base: &Hypothesis, trial: &Trial) -> bool {
         if Some(sensor.joint) == joint && !sensor.is_rate { high - low } else { 0.0 }
     };
     let range = base.rig.sensors.iter().enumerate().map(travel).fold(0.0, f64::max);
-    order.value * range < PERIODS * 2.0 * std::f64::consts::PI
+    // No sensor on this coordinate alone: nothing is known of its travel.
+    if range > 0.0 { order.value * range / (2.0 * std::f64::consts::PI) } else { f64::INFINITY }
 }
 
 /// Swap and backward: every effect of `found` is exchanged for its close rivals in the company of the others, and
@@ -342,7 +349,7 @@ pub fn contested(
         }
         added[i].gain = kept.total;
         let rivals = exchanged(&found, &added[i], first + i, context);
-        if let Some(better) = rivals.first().filter(|r| compare(&found, &r.hypothesis, context).total < -10.0) {
+        if let Some(better) = rivals.first().filter(|r| is_better(&found, r, &added[i], kept.total, context)) {
             let old = Trial { candidate: added[i].candidate.clone(), hypothesis: found, gain: kept.total };
             (found, added[i].candidate) = (better.hypothesis.clone(), better.candidate.clone());
             added[i].others = [vec![old], rivals[1..].to_vec()].concat();
@@ -354,6 +361,13 @@ pub fn contested(
     (found, added)
 }
 
+/// True if `rival` should stand in the place of `added`, whose gain is `kept`.
+fn is_better(found: &Hypothesis, rival: &Trial, added: &Added, kept: f64, context: &Context) -> bool {
+    let richer = LIMITS_OF.contains(&(added.candidate.effect, rival.candidate.effect));
+    let least = if richer { (1.0 - ENOUGH) * kept } else { 0.0 };
+    compare(found, &rival.hypothesis, context).total < -least.max(10.0)
+}
+
 fn left_out(found: &Hypothesis, e: usize, context: &Context) -> Option<Hypothesis> {
     let mut rig = found.rig.clone();
     rig.effects.remove(e);
@@ -363,7 +377,8 @@ fn left_out(found: &Hypothesis, e: usize, context: &Context) -> Option<Hypothesi
 
 /// The close rivals of effect `e`, fitted in its place; best first, gains relative to leaving it out.
 fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context) -> Vec<Trial> {
-    let close = added.others.iter().filter(|t| t.gain > 0.4 * added.others.first().map_or(0.0, |o| o.gain)).take(4);
+    let admitted = added.others.iter().filter(|t| !is_piece(found, t, context));
+    let close = admitted.filter(|t| t.gain > 0.4 * added.others.first().map_or(0.0, |o| o.gain)).take(4);
     let one = |trial: &Trial| {
         let mut rig = found.rig.clone();
         rig.effects[e] = trial.hypothesis.rig.effects.last()?.clone();
