@@ -68,6 +68,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let dropped = drop_spikes(&mut recordings, &first);
     let given = as_given(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
     let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
+    let base = no_worse(base, &given, &floors);
     let context = Context { samples: samples(&base.residuals, &floors), floors, seed };
     said(&format!("noise {:.3?}", base.noise));
     let library = |now: &Hypothesis| {
@@ -108,6 +109,18 @@ pub fn again(first: &Hypothesis, recordings: &[Recording], floors: &[f64]) -> Op
     let now = Hypothesis::fitted(problem, first.point.clone(), &noise, floors, Limits::default())?;
     let finer = now.polished(&now.noise, floors, Limits { iterations: 8, tolerance: 1e-6 });
     Some(finer.filter(|f| f.likelihood > now.likelihood).unwrap_or(now))
+}
+
+/// `base`, or if the rig as given is better, the fit that starts from there: a fit may end in a false minimum.
+fn no_worse(base: Hypothesis, given: &Hypothesis, floors: &[f64]) -> Hypothesis {
+    let total = |h: &Hypothesis| -> f64 { h.blocks(&given.noise).iter().sum() };
+    if total(&base) >= total(given) {
+        return base;
+    }
+    let noise = white(&given.residuals, floors);
+    let start = Hypothesis::fitted(base.problem.clone(), given.point.clone(), &noise, floors, Limits::default());
+    let finer = start.and_then(|h| h.polished(&h.noise, floors, Limits { iterations: 8, tolerance: 1e-6 }).or(Some(h)));
+    finer.filter(|h| total(h) > total(&base)).unwrap_or(base)
 }
 
 /// The last fit of the answer, under the noise that it leaves and to the last digit that counts.

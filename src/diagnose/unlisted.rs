@@ -67,18 +67,26 @@ pub fn unexplained(
     said(&format!(
         "  ... listed effects gain {listed:.0} in the same measure, they remove {removed:.2} of the squares"
     ));
-    let mimicry = patches(found, base) >= PATCHES && excess_base > 0.8 * listed;
-    let stronger = removed < enough && excess_base > 1.25 * listed + 60.0;
-    if excess_base > bar && (mimicry || stronger) {
+    if patches(found, base) >= PATCHES && excess_base > bar.max(0.8 * listed) {
         return Some((on_base, true));
     }
-    if excess_base < bar || found.rig == base.rig || removed >= enough {
+    if found.rig.effects.len() == base.rig.effects.len() {
+        return (excess_base > bar).then_some((on_base, true));
+    }
+    let left = structure(found, !misfit(found), &mut said);
+    let excess_found = left.as_ref().map_or(0.0, |(_, excess)| *excess);
+    // What is left may be the imperfect form of a right effect; where next to nothing is left, the listed say it all.
+    if removed >= enough || excess_found < bar.max(REST * excess_base) {
         return None;
     }
-    let (on_found, excess_found) = structure(found, !misfit(found), &mut said)?;
-    // What is left may be the imperfect form of a right effect.
-    (excess_found > bar.max(0.3 * listed)).then_some((on_found, false))
+    if excess_base > bar.max(1.25 * listed + 60.0) {
+        return Some((on_base, true));
+    }
+    left.filter(|_| excess_found > bar.max(0.3 * listed)).map(|(on_found, _)| (on_found, false))
 }
+
+/// Part of the structure in the base's residual that a right effect may leave.
+const REST: f64 = 0.15;
 
 /// Listed effects that remove this part of all squares are the explanation; what is left is the finish of their form.
 const MOST: f64 = 0.8;
