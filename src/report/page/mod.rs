@@ -70,7 +70,7 @@ fn head(findings: &Findings) -> String {
         .diagnosis
         .missing
         .iter()
-        .filter(|entry| entry.sentence != findings.headline && !entry.sentence.is_empty())
+        .filter(|entry| !entry.sentence.is_empty() && !findings.headline.contains(&entry.sentence))
         .map(|entry| format!("<li>{}</li>", escape(&entry.sentence)))
         .collect();
     let said = if sentences.is_empty() { String::new() } else { format!("<ul class=\"said\">{sentences}</ul>") };
