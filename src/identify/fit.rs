@@ -102,8 +102,8 @@ struct Normal {
 /// Normal equations of all windows, states eliminated.
 struct Reduced {
     windows: Vec<Normal>,
+    /// Undamped.
     pp: DMatrix<f64>,
-    gp: DVector<f64>,
     cost: f64,
 }
 
@@ -206,14 +206,20 @@ fn linearise(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option<Reduc
         Some(normal(channels, noise, shared, states.len()))
     };
     let windows: Vec<Normal> = (0..runs.windows()).into_par_iter().map(one).collect::<Option<_>>()?;
-    let (mut pp, mut gp, mut cost) = (DMatrix::zeros(shared, shared), DVector::zeros(shared), 0.0);
-    for w in &windows {
-        let inverse = w.states_inverse(0.0);
+    let cost: f64 = windows.iter().map(|w| w.cost).sum();
+    let (pp, _) = eliminated(&windows, shared, 0.0);
+    (cost.is_finite() && pp.iter().all(|x: &f64| x.is_finite())).then_some(Reduced { windows, pp, cost })
+}
+
+/// Normal equations of the shared parameters once each window's states follow them, states damped.
+fn eliminated(windows: &[Normal], shared: usize, damping: f64) -> (DMatrix<f64>, DVector<f64>) {
+    let (mut pp, mut gp) = (DMatrix::zeros(shared, shared), DVector::zeros(shared));
+    for w in windows {
+        let inverse = w.states_inverse(damping);
         pp += &w.pp - &w.px * &inverse * w.px.transpose();
         gp += &w.gp - &w.px * &inverse * &w.gx;
-        cost += w.cost;
     }
-    (cost.is_finite() && pp.iter().all(|x: &f64| x.is_finite())).then_some(Reduced { windows, pp, gp, cost })
+    (pp, gp)
 }
 
 /// Cost of all windows at a point; infinite if one leaves the finite numbers.
@@ -238,10 +244,13 @@ impl Reduced {
     /// is solved again, so that the others make up for it.
     fn step(&self, at: &Point, bounds: &[Bound], damping: f64) -> Step {
         let n = at.parameters.len();
+        // Damped alike in states and parameters: else the step solves no one problem, and where parameters move the
+        // states far it promises to go uphill.
+        let (pp, gp) = eliminated(&self.windows, n, damping);
         let mut fixed: Vec<Option<f64>> = vec![None; n];
         let mut dp = DVector::zeros(n);
         for _ in 0..=n {
-            dp = self.solve(&fixed, damping);
+            dp = solve(&pp, &gp, &fixed, damping);
             let leaving: Vec<usize> = (0..n).filter(|i| fixed[*i].is_none() && leaves(at, bounds, &dp, *i)).collect();
             if leaving.is_empty() {
                 break;
@@ -257,27 +266,6 @@ impl Reduced {
         Step { parameters: dp, states, promised }
     }
 
-    fn solve(&self, fixed: &[Option<f64>], damping: f64) -> DVector<f64> {
-        let n = fixed.len();
-        let held = DVector::from_iterator(n, fixed.iter().map(|f| f.unwrap_or(0.0)));
-        let free: Vec<usize> = (0..n).filter(|i| fixed[*i].is_none()).collect();
-        let right = &self.gp + &self.pp * &held;
-        let mut out = held;
-        // Scaled to unit diagonal: the parameters differ by orders of magnitude.
-        let scale: Vec<f64> = free.iter().map(|i| 1.0 / libm::sqrt(self.pp[(*i, *i)].max(1e-300))).collect();
-        let ridge = damping + 1e-11;
-        let a = DMatrix::from_fn(free.len(), free.len(), |r, c| {
-            self.pp[(free[r], free[c])] * scale[r] * scale[c] + if r == c { ridge } else { 0.0 }
-        });
-        let b = DVector::from_fn(free.len(), |r, _| -right[free[r]] * scale[r]);
-        if let Some(x) = a.cholesky().map(|c| c.solve(&b)) {
-            for (r, i) in free.iter().enumerate() {
-                out[*i] = x[r] * scale[r];
-            }
-        }
-        out
-    }
-
     fn promise(&self, dp: &DVector<f64>, states: &[DVector<f64>]) -> f64 {
         let one = |(w, dx): (&Normal, &DVector<f64>)| {
             let linear = w.gp.dot(dp) + w.gx.dot(dx);
@@ -286,6 +274,28 @@ impl Reduced {
         };
         self.windows.iter().zip(states).map(one).sum()
     }
+}
+
+/// The shared parameters' part of a step; `fixed` ones move as told.
+fn solve(pp: &DMatrix<f64>, gp: &DVector<f64>, fixed: &[Option<f64>], damping: f64) -> DVector<f64> {
+    let n = fixed.len();
+    let held = DVector::from_iterator(n, fixed.iter().map(|f| f.unwrap_or(0.0)));
+    let free: Vec<usize> = (0..n).filter(|i| fixed[*i].is_none()).collect();
+    let right = gp + pp * &held;
+    let mut out = held;
+    // Scaled to unit diagonal: the parameters differ by orders of magnitude.
+    let scale: Vec<f64> = free.iter().map(|i| 1.0 / libm::sqrt(pp[(*i, *i)].max(1e-300))).collect();
+    let ridge = damping + 1e-11;
+    let a = DMatrix::from_fn(free.len(), free.len(), |r, c| {
+        pp[(free[r], free[c])] * scale[r] * scale[c] + if r == c { ridge } else { 0.0 }
+    });
+    let b = DVector::from_fn(free.len(), |r, _| -right[free[r]] * scale[r]);
+    if let Some(x) = a.cholesky().map(|c| c.solve(&b)) {
+        for (r, i) in free.iter().enumerate() {
+            out[*i] = x[r] * scale[r];
+        }
+    }
+    out
 }
 
 fn leaves(at: &Point, bounds: &[Bound], dp: &DVector<f64>, i: usize) -> bool {
@@ -395,6 +405,31 @@ mod tests {
         assert_eq!(found.outcome, Outcome::Converged);
         assert!((found.point.parameters[0] - 0.7).abs() < 1e-4 && (found.point.parameters[1] - 0.05).abs() < 1e-4);
         assert!((found.point.states[1][0] + 2.0).abs() < 1e-3);
+    }
+
+    /// `y = x0 + b (t + 1e5)`: the shared slope moves the initial state far.
+    struct Lever;
+
+    impl FreeRuns for Lever {
+        fn windows(&self) -> usize {
+            1
+        }
+        fn run(&self, _: usize, p: &[f64], x: &[f64], _: bool) -> Option<Vec<Series>> {
+            let arm: Vec<f64> = (0..50).map(|k| f64::from(k) * 0.1 + 1e5).collect();
+            let residual = arm.iter().map(|arm| x[0] + p[0] * arm).collect();
+            Some(vec![Series { residual, slopes: vec![arm, vec![1.0; 50]] }])
+        }
+    }
+
+    #[test]
+    fn a_step_never_promises_to_go_uphill_however_far_it_moves_the_states() {
+        // The state is the best for this slope, and both are wrong.
+        let at = Point { parameters: vec![1e-3], states: vec![vec![-100.00245]] };
+        let bounds = [Bound { min: -1.0, max: 1.0 }];
+        let system = linearise(&Lever, &at, &[Colour::white(1e-3)]).unwrap();
+        for damping in [1e-9, 1e-4, 1e-2, 1.0] {
+            assert!(system.step(&at, &bounds, damping).promised > 0.0, "{damping}");
+        }
     }
 
     #[test]

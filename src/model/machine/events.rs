@@ -120,7 +120,7 @@ impl<S: Scalar> Machine<S> {
         ]
     }
 
-    /// Guards that look at the forces of the last [`Self::flow`]; below zero = broken.
+    /// Guards that look at the forces of the last `Plant::flow`; below zero = broken.
     fn force_guards(&self) -> impl Iterator<Item = (Guard, f64)> {
         let work = &self.work;
         work.held.forces().filter_map(move |(holder, force)| {
