@@ -82,11 +82,13 @@ impl Sensors {
     /// Samples are forwarded by their age at their own rate (gyro, filtered difference): some ms of latency cost .1° at
     /// the rates of a recovery.
     pub(super) fn measure(&mut self, s: &Snapshot, bias_rad: f64) -> Option<Measured> {
-        if s.imu_age > self.imu_age || s.hip_age > self.hip_age {
-            self.reset();
+        if s.imu_age > self.imu_age {
             return None;
         }
         let leg_rad = self.imu_offset_rad + self.imu_sign * self.attitude.update(&s.imu)?;
+        if s.hip_age > self.hip_age {
+            return None;
+        }
         let hip_now = self.hip_rate(s);
         let inner = leg_rad + s.leg_rate_rad_s * s.imu_age.as_s() - bias_rad;
         let hip = s.hip_angle_rad + hip_now.rate_rad_s * s.hip_age.as_s();

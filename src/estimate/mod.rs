@@ -43,7 +43,7 @@ use measure::{Measured, Sensors};
 use touchdown::Detector;
 
 /// Longest gap that the observer bridges with its model; after more it starts again.
-const LONGEST_GAP: Span = Span::from_ms(20);
+const LONGEST_GAP: Span = Span::from_ms(50);
 
 /// Why there is no estimator for a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

@@ -39,8 +39,8 @@ use crate::base::scalar::Scalar;
 use std::collections::VecDeque;
 
 pub use contact::{Contact, Strike};
+use motion::{FlowOf, Plant, Stages};
 pub use motion::{Phase, Work};
-use motion::{Plant, Stages};
 pub use start::Inner;
 
 /// Most bristles.
@@ -99,6 +99,7 @@ pub struct Machine<S> {
     end: Phase<S>,
     stages: Stages<S>,
     work: Work<S>,
+    flow_of: FlowOf,
     /// Lagged signal of each pickup.
     lagged: Vec<S>,
     before: Vec<S>,
@@ -161,6 +162,7 @@ impl<S: Scalar> Machine<S> {
 
     /// Gives actuator `index` a command that holds from now on.
     pub fn command(&mut self, index: usize, command: f64, enabled: bool) {
+        self.flow_of = FlowOf::Nothing;
         if let Some(drive) = self.plant.drives.get_mut(index) {
             drive.command(command, enabled, self.now);
         }
@@ -169,6 +171,7 @@ impl<S: Scalar> Machine<S> {
     /// Tells actuator `index` of a command given at `t_s`, before the present: what is still on its way, or in its lag.
     pub fn command_past(&mut self, index: usize, command: f64, enabled: bool, t_s: f64) {
         let now = self.now.value();
+        self.flow_of = FlowOf::Nothing;
         if let Some(drive) = self.plant.drives.get_mut(index) {
             drive.command(command, enabled, S::constant(t_s));
             while drive.next_arrival().is_some_and(|t| t.value() <= now) {
@@ -207,10 +210,12 @@ impl<S: Scalar> Machine<S> {
         }
         self.y = y;
         self.now = now;
+        self.flow_of = FlowOf::Nothing;
     }
 
     /// As if actuator `index` had had this command for ever.
     pub fn settle_drive(&mut self, index: usize, command: f64) {
+        self.flow_of = FlowOf::Nothing;
         if let Some(drive) = self.plant.drives.get_mut(index) {
             drive.settle(command, self.now);
         }
@@ -281,6 +286,7 @@ impl<S: Scalar> Machine<S> {
                 Stop::Arrival(i) => self.plant.drives[i].arrive(),
                 Stop::Push(i) => self.push(i),
             }
+            self.flow_of = FlowOf::Nothing;
         }
         Ok(())
     }
@@ -327,6 +333,7 @@ impl<S: Scalar> Machine<S> {
             self.y.drift(&self.work, h, self.plant.n, self.plant.bristles);
         }
         self.now += h;
+        self.flow_of = FlowOf::Nothing;
     }
 
     /// The step from `y` to `end` becomes the past.
@@ -338,6 +345,7 @@ impl<S: Scalar> Machine<S> {
         }
         self.y.copy_from(&self.end, self.plant.n, self.plant.bristles);
         self.now += h;
+        self.flow_of = if self.flow_of == FlowOf::End { FlowOf::Start } else { FlowOf::Nothing };
         self.remember();
     }
 

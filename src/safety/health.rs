@@ -4,7 +4,7 @@
 
 use super::{Facts, Rules};
 use crate::base::time::{Span, Stamp};
-use crate::msg::{BusHealth, DriveFeedback, DriveState, Element, Fault, FaultCode, Mode, Value};
+use crate::msg::{BusHealth, DRIVES, DriveFeedback, DriveState, Element, Fault, FaultCode, Mode, Value};
 use std::f64::consts::PI;
 
 /// Faults found in a tick: all as bits, the first with its values.
@@ -45,13 +45,25 @@ pub(super) fn fresh(age: Span, limit: Span) -> bool {
     -limit.0 <= age.0 && age <= limit
 }
 
-/// Looks at everything. `skipped` are the periods skipped within the last second.
-pub(super) fn examine(rules: &Rules, facts: &Facts<'_>, mode: Mode, since: Stamp, skipped: u32) -> Findings {
+/// What the guard itself keeps in mind from tick to tick, as far as it bears on health.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Memory {
+    pub(super) mode: Mode,
+    pub(super) mode_since: Stamp,
+    /// Periods skipped within the last second.
+    pub(super) skipped: u32,
+    /// How long each drive has been silent, our own stalls left out.
+    pub(super) silent: [Span; DRIVES],
+}
+
+/// Looks at everything.
+pub(super) fn examine(rules: &Rules, facts: &Facts<'_>, memory: &Memory) -> Findings {
+    let (mode, skipped) = (memory.mode, memory.skipped);
     let mut found = Findings { now: facts.input.now, first: None, bits: 0 };
     found.note(facts.input.stop_requested, FaultCode::Stopping, 0, 0.0);
     numbers(&mut found, facts);
     buses(&mut found, facts);
-    drives(&mut found, rules, facts, mode, since);
+    drives(&mut found, rules, facts, memory);
     sensors(&mut found, rules, facts);
     posture(&mut found, rules, facts, mode);
     demand(&mut found, rules, facts, mode);
@@ -83,15 +95,22 @@ fn buses(found: &mut Findings, facts: &Facts<'_>) {
     }
 }
 
-fn drives(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, mode: Mode, since: Stamp) {
-    let timed_out = facts.input.now.since(since) > rules.limits.enable_timeout;
-    for (index, (drive, limit)) in facts.feedback.drives.iter().zip(&rules.drive_age).enumerate() {
+/// A drive's word is too old to act on, be it the drive's fault or that of a stall of ours.
+pub(super) fn outdated(rules: &Rules, facts: &Facts<'_>) -> bool {
+    let mut drives = facts.feedback.drives.iter().zip(&rules.drive_age);
+    drives.any(|(drive, limit)| !fresh(facts.input.now.since(drive.stamp), *limit))
+}
+
+fn drives(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, memory: &Memory) {
+    let timed_out = facts.input.now.since(memory.mode_since) > rules.limits.enable_timeout;
+    let drives = facts.feedback.drives.iter().zip(&rules.drive_age).zip(memory.silent);
+    for (index, ((drive, limit), silent)) in drives.enumerate() {
         let broken = drive.state == DriveState::Fault || drive.error_code != 0;
         found.note(broken, FaultCode::DriveFault, index, f64::from(drive.error_code));
-        let astray = !in_place(drive, mode, timed_out);
+        let astray = !in_place(drive, memory.mode, timed_out);
         found.note(astray, FaultCode::DriveNotEnabled, index, f64::from(drive.state as u8));
-        let age = if drive.stamp == Stamp::NEVER { Span(i64::MAX) } else { facts.input.now.since(drive.stamp) };
-        found.note(!fresh(age, *limit), FaultCode::DriveStale, index, age.as_s() * 1e3);
+        let silent = if drive.stamp == Stamp::NEVER { Span(i64::MAX) } else { silent };
+        found.note(!fresh(silent, *limit), FaultCode::DriveStale, index, silent.as_s() * 1e3);
     }
 }
 

@@ -4,6 +4,7 @@
 //! torque through (`limits`). What it promises, for any input whatever:
 //! - the torque is finite and within its limit, and zero unless the mode is `Armed`;
 //! - a fault, a stale source, a number that is not finite or the released dead-man gives zero torque in the same tick;
+//! - a stall of our own gives zero torque until the drives have spoken again, and is no fault while it is short;
 //! - it arms only on a press that follows a release, both seen fresh, with nothing in the way;
 //! - the first fault is kept until the robot is armed again.
 
@@ -24,6 +25,7 @@ mod latch;
 mod lateness;
 mod limits;
 mod mode;
+mod silence;
 
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::{Config, Limits};
@@ -36,6 +38,7 @@ use latch::Latch;
 use lateness::Lateness;
 use limits::{ToeSlew, TorqueGate};
 use mode::Events;
+use silence::Silence;
 
 /// After a fault the drives stay disabled at least this long, so that every drive has seen it (four toe periods).
 const DISABLED_AFTER_FAULT: Span = Span::from_ms(100);
@@ -99,6 +102,7 @@ pub struct Guard {
     mode_since: Stamp,
     dead_man: DeadMan,
     lateness: Lateness,
+    silence: Silence,
     latch: Latch,
     torque: TorqueGate,
     toes: ToeSlew,
@@ -120,6 +124,7 @@ impl Guard {
             mode_since: Stamp::NEVER,
             dead_man: DeadMan::default(),
             lateness: Lateness::new(rules.period),
+            silence: Silence::new(rules.period),
             latch: Latch::default(),
             torque: TorqueGate::new(&rules.limits, rules.period),
             toes: ToeSlew::new(rules.toe_stroke_m, rules.toe_rate_m_s, rules.period),
@@ -144,12 +149,22 @@ impl Guard {
         let now = facts.input.now;
         let fresh = health::fresh(facts.snapshot.operator_age, self.rules.limits.operator_age);
         let hand = self.dead_man.update(facts.snapshot.dead_man, fresh);
-        let findings = health::examine(&self.rules, facts, self.mode, self.mode_since, self.lateness.skipped());
+        self.silence.observe(now, facts.feedback);
+        let findings = health::examine(&self.rules, facts, &self.memory());
         self.heard |= !findings.has(FaultCode::ImuStale) && !findings.has(FaultCode::DriveStale) && fresh;
         self.change_mode(now, hand, &findings, facts.feedback);
         let allowed = self.let_through(facts);
         self.note_limits(now);
         Decision { allowed, goal: self.goal(facts.input, hand), status: self.status(facts.input, findings.bits()) }
+    }
+
+    fn memory(&self) -> health::Memory {
+        health::Memory {
+            mode: self.mode,
+            mode_since: self.mode_since,
+            skipped: self.lateness.skipped(),
+            silent: self.silence.ages(),
+        }
     }
 
     fn change_mode(&mut self, now: Stamp, hand: Hand, findings: &health::Findings, feedback: &DriveFeedbacks) {
@@ -178,13 +193,16 @@ impl Guard {
         self.mode_since = now;
     }
 
+    /// Armed, and nothing to act on that is older than its limit: after a stall of ours that takes a tick or two.
     fn let_through(&mut self, facts: &Facts<'_>) -> JointCommand {
         let measured = &facts.snapshot.toe_position_m;
-        let (hip_torque_nm, toe_position_m) = if self.mode == Mode::Armed {
-            let ramp = self.ramp(facts.input.now);
-            (self.torque.pass(facts.wanted.hip_torque_nm, ramp), self.toes.follow(&facts.wanted.toe_position_m))
-        } else {
-            (self.torque.close(), self.toes.stay(measured))
+        let (hip_torque_nm, toe_position_m) = match self.mode {
+            Mode::Armed if health::outdated(&self.rules, facts) => (self.torque.close(), self.toes.stay(measured)),
+            Mode::Armed => {
+                let ramp = self.ramp(facts.input.now);
+                (self.torque.pass(facts.wanted.hip_torque_nm, ramp), self.toes.follow(&facts.wanted.toe_position_m))
+            }
+            _ => (self.torque.close(), self.toes.stay(measured)),
         };
         JointCommand { stamp: facts.input.now, hip_torque_nm, toe_position_m }
     }

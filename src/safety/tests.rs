@@ -271,12 +271,46 @@ fn a_fault_that_stays_keeps_the_robot_from_arming_again() {
 #[test]
 fn one_late_tick_does_not_drop_the_robot_but_many_do() {
     let mut bench = Bench::armed();
-    bench.input.skipped = 5;
+    bench.input.skipped = 9;
     let decision = bench.tick(true);
     assert_eq!((decision.status.mode, decision.status.last_fault.code), (Mode::Armed, FaultCode::Late));
     assert_eq!(decision.allowed.hip_torque_nm, 10.0);
     bench.run(3, true);
-    assert_eq!(bench.tick(true).status.first_fault.code, FaultCode::Overrun, "25 within a second, 20 allowed");
+    assert_eq!(bench.tick(true).status.first_fault.code, FaultCode::Overrun, "45 within a second, 40 allowed");
+}
+
+/// Our own stall of `ms`, out of which the tick wakes with what had been said before it.
+fn stall(bench: &mut Bench, ms: i64) -> Decision {
+    bench.live = false;
+    bench.input.now += Span(ms * MS);
+    bench.input.skipped = u32::try_from(ms).unwrap();
+    let decision = bench.tick(true);
+    (bench.live, bench.input.skipped) = (true, 0);
+    decision
+}
+
+#[test]
+fn a_stall_of_our_own_costs_a_tick_of_torque_and_not_the_robot() {
+    for ms in [7, 21, 39] {
+        let mut bench = Bench::armed();
+        let decision = stall(&mut bench, ms);
+        assert_eq!((decision.status.mode, decision.goal), (Mode::Armed, DriveGoal::Enabled), "{ms} ms");
+        assert_eq!(decision.allowed.hip_torque_nm, 0.0, "what the drives said {ms} ms ago moves no motor");
+        assert_eq!(decision.allowed.toe_position_m, bench.snapshot.toe_position_m);
+        bench.tick(true);
+        assert_eq!(bench.tick(true).allowed.hip_torque_nm, 10.0, "{ms} ms");
+    }
+    assert_eq!(stall(&mut Bench::armed(), 41).status.first_fault.code, FaultCode::Overrun);
+}
+
+#[test]
+fn drives_that_stay_silent_after_a_stall_trip_without_having_had_torque() {
+    let mut bench = Bench::armed();
+    stall(&mut bench, 21);
+    bench.live = false;
+    let decisions: Vec<Decision> = (0..20).map(|_| bench.tick(true)).collect();
+    assert!(decisions.iter().all(|d| d.allowed.hip_torque_nm == 0.0));
+    assert_eq!(decisions[10].status.first_fault.code, FaultCode::DriveStale);
 }
 
 #[test]

@@ -74,6 +74,21 @@ fn balance_holds_for_ten_minutes_on_both_legs() {
     }
 }
 
+/// Stalls of 7 to 21 ms were seen on a virtual machine that does nothing else.
+#[test]
+fn stalls_of_the_machine_do_not_drop_the_robot() {
+    for leg in [&INNER[..], &OUTER[..]] {
+        let mut lockstep = Lockstep::new(&config(&[leg])).unwrap();
+        for tick in 0..20_000_u32 {
+            let stall_ms = if tick > 2500 && tick % 1009 == 0 { 7 + tick % 15 } else { 0 };
+            lockstep.input.now += Span::from_ms(i64::from(stall_ms));
+            lockstep.input.skipped = stall_ms;
+            let status = lockstep.step().status;
+            assert!(tick < 2500 || status.mode == Mode::Armed, "{leg:?} tick {tick}: {status:?}");
+        }
+    }
+}
+
 #[test]
 fn trusting_the_measurements_with_raised_gain_rings_near_ten_hertz() {
     let (ringing, torque) = balance(&[&RINGING], 20);

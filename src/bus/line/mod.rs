@@ -96,6 +96,10 @@ pub struct Line {
     echo_timeout: Span,
     heartbeat_every: Span,
     heartbeat_sent: Stamp,
+    period: Span,
+    last: Stamp,
+    /// End of our last stall: what was in flight then has been waiting for us, not we for it.
+    awake_since: Stamp,
     sync_in_flight: Option<Stamp>,
     sync_seen: Stamp,
     stall: Option<Stall>,
@@ -129,6 +133,9 @@ impl Line {
             echo_timeout: Span(noticed_by.0 - 2 * real_time.period.0).max(real_time.period),
             heartbeat_every: Span(watchdog.0 / 4),
             heartbeat_sent: Stamp::NEVER,
+            period: real_time.period,
+            last: Stamp::NEVER,
+            awake_since: Stamp::NEVER,
             sync_in_flight: None,
             sync_seen: Stamp::NEVER,
             stall: None,
@@ -143,6 +150,7 @@ impl Line {
         for frame in frames.as_slice() {
             self.take(frame);
         }
+        self.note_stall(now);
         self.supervise(now, health);
         for drive in self.drives.iter().flatten() {
             if let Some(feedback) = feedbacks.drives.get_mut(drive.index) {
@@ -267,6 +275,13 @@ impl Line {
         }
     }
 
+    fn note_stall(&mut self, now: Stamp) {
+        if now.since(self.last).0 >= self.period.0.saturating_mul(2) {
+            self.awake_since = now;
+        }
+        self.last = now;
+    }
+
     fn supervise(&mut self, now: Stamp, health: BusHealth) {
         for drive in self.drives.iter_mut().flatten() {
             drive.supervise(now);
@@ -291,7 +306,7 @@ impl Line {
 
     fn is_overdue(&self, now: Stamp) -> bool {
         let oldest = self.drives.iter().flatten().filter_map(|d| d.command_in_flight).chain(self.sync_in_flight).min();
-        oldest.is_some_and(|sent| now.since(sent) > self.echo_timeout)
+        oldest.is_some_and(|sent| now.since(sent.max(self.awake_since)) > self.echo_timeout)
     }
 
     fn probe(&mut self, now: Stamp, out: &mut FrameBatch) {

@@ -1,7 +1,7 @@
 //! Builds a machine from a setting. RT: before arming only.
 
 use super::contact::{Feet, Ground};
-use super::motion::{Plant, Stages};
+use super::motion::{FlowOf, Plant, Stages};
 use super::start::Bristled;
 use super::{MAX_BRISTLES, Machine, MachineError, Phase, Play, Push, Work};
 use crate::base::scalar::Scalar;
@@ -50,6 +50,7 @@ impl<S: Scalar> Machine<S> {
             y: Phase::default(),
             end: Phase::default(),
             stages: Stages::default(),
+            flow_of: FlowOf::Nothing,
             work: Work::default(),
             lagged: vec![S::zero(); setting.sensors.len()],
             before: vec![S::zero(); setting.sensors.len()],

@@ -20,6 +20,7 @@
 use super::events::Guard;
 use super::foot::{APART, FootRows};
 use super::hold::{Holder, product};
+use super::motion::FlowOf;
 use super::{Machine, MachineError};
 use crate::base::scalar::Scalar;
 use crate::model::mechanism::{Body, MAX};
@@ -163,6 +164,7 @@ impl<S: Scalar> Machine<S> {
     /// travels does not enter the motion.
     pub fn set_toes(&mut self, short: [S; 2]) {
         let Some(legs) = self.plant.legs() else { return };
+        self.flow_of = FlowOf::Nothing;
         let s = legs.stance();
         let change = short[s] - self.plant.short(s);
         let (sin, cos) = (self.y.q[s] + legs.slope()).sin_cos();
@@ -189,6 +191,7 @@ impl<S: Scalar> Machine<S> {
     /// Puts the swing leg down now, wherever it is: the recording says so.
     pub fn touch_down_now(&mut self) {
         self.touch_down();
+        self.flow_of = FlowOf::Nothing;
         self.settle_modes();
     }
 

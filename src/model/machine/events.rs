@@ -1,6 +1,7 @@
 //! Where a step must end early, exactly, and what happens there. RT: yes, no allocation.
 
 use super::hold::{Holder, product};
+use super::motion::FlowOf;
 use super::{Machine, MachineError, Play};
 use crate::base::scalar::Scalar;
 use crate::model::effect::friction::Grip;
@@ -200,6 +201,7 @@ impl<S: Scalar> Machine<S> {
             self.flow_at_end(h);
             self.end.drift(&self.work, correction, self.plant.n, self.plant.bristles);
         }
+        self.flow_of = FlowOf::Nothing;
         let reached = h + correction;
         self.accept(reached);
         reached
@@ -250,6 +252,7 @@ impl<S: Scalar> Machine<S> {
             Guard::SlideStop => self.stop_sliding(),
             Guard::LiftOff => self.lift_off(),
         }
+        self.flow_of = FlowOf::Nothing;
         self.settle_modes();
     }
 
@@ -331,6 +334,7 @@ impl<S: Scalar> Machine<S> {
                 Guard::LiftOff => self.lift_off(),
                 _ => return,
             }
+            self.flow_of = FlowOf::Nothing;
         }
     }
 

@@ -115,6 +115,17 @@ impl<S: Scalar> Work<S> {
     }
 }
 
+/// Where the scratch holds the accelerations of; whatever changes state, modes or commands makes it nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum FlowOf {
+    #[default]
+    Nothing,
+    /// `y` at `now`.
+    Start,
+    /// `end`.
+    End,
+}
+
 /// Intermediate state and weighted sum of a step.
 #[derive(Clone, Debug)]
 pub(super) struct Stages<S> {
@@ -252,10 +263,11 @@ impl<S: Scalar> Plant<S> {
         (motors + self.body.held_torque(joint, bias)) * 0.5
     }
 
-    /// One RK4 step of length `h` from `y` at `now` into `end`; modes and commands as they are.
+    /// One RK4 step of length `h` from `y` at `now` into `end`; modes and commands as they are. `flows`: `work` already
+    /// holds the accelerations at `y`.
     pub(super) fn step(
         &self,
-        (y, now): (&Phase<S>, S),
+        (y, now, flows): (&Phase<S>, S, bool),
         h: S,
         end: &mut Phase<S>,
         Stages { at, sum }: &mut Stages<S>,
@@ -267,7 +279,9 @@ impl<S: Scalar> Plant<S> {
         let times = |x: S, part: f64| if plain { x * (length * part) } else { x * (h * part) };
         at.copy_from(y, n, bristles);
         for (stage, (reach, weight)) in STAGES.iter().enumerate() {
-            self.flow_free(at, now + h * TIMES[stage], work);
+            if stage > 0 || !flows {
+                self.flow_free(at, now + h * TIMES[stage], work);
+            }
             sum.gather(stage == 0, *weight, at, work, (n, bristles));
             if stage < 3 {
                 for i in 0..n {
@@ -292,18 +306,23 @@ impl<S: Scalar> Plant<S> {
 impl<S: Scalar> Machine<S> {
     /// [`Plant::flow`] at the present state.
     pub(super) fn flow_at_start(&mut self) {
-        self.plant.flow(&self.y, self.now, &mut self.work);
+        if self.flow_of != FlowOf::Start {
+            self.plant.flow(&self.y, self.now, &mut self.work);
+            self.flow_of = FlowOf::Start;
+        }
     }
 
     /// [`Plant::flow`] at the end of a step of length `h`.
     pub(super) fn flow_at_end(&mut self, h: S) {
         self.plant.flow(&self.end, self.now + h, &mut self.work);
+        self.flow_of = FlowOf::End;
     }
 
     /// One RK4 step from `y` into `end`.
     pub(super) fn rk4(&mut self, h: S) {
-        let Self { plant, y, now, end, stages, work, .. } = self;
-        plant.step((y, *now), h, end, stages, work);
+        let Self { plant, y, now, end, stages, work, flow_of, .. } = self;
+        plant.step((y, *now, *flow_of == FlowOf::Start), h, end, stages, work);
+        *flow_of = FlowOf::Nothing;
     }
 }
 

@@ -1,6 +1,6 @@
 //! Where a run starts: the numbers of an initial state, and the step that suits it. RT: before arming only.
 
-use super::motion::Work;
+use super::motion::{FlowOf, Work};
 use super::{LONGEST_STEP_S, Machine, Play};
 use crate::base::scalar::Scalar;
 use crate::model::effect::friction::Axis;
@@ -65,6 +65,7 @@ impl<S: Scalar> Machine<S> {
     /// Starts at `t_s` from `initial` (see [`Self::initial_layout`]); numbers left out are zero.
     pub fn reset(&mut self, t_s: f64, initial: &[S]) {
         self.now = S::constant(t_s);
+        self.flow_of = FlowOf::Nothing;
         self.y = Default::default();
         let mut lags = vec![S::zero(); self.pickups.len()];
         let layout = self.initial_layout();
@@ -199,6 +200,7 @@ impl<S: Scalar> Machine<S> {
 
     /// Puts the robot on leg `leg` (0 inner, 1 outer) before a run; set-ups with a fixed stance keep theirs.
     pub fn set_stance(&mut self, leg: usize) {
+        self.flow_of = FlowOf::Nothing;
         if let (Body::Legs(legs), true) = (&mut self.plant.body, self.plant.walks) {
             legs.set_stance(leg);
         }
