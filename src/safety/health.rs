@@ -2,9 +2,10 @@
 //!
 //! The order below is the order of blame: the first finding is the one that is latched.
 
+use super::silence::Ages;
 use super::{Facts, Rules};
 use crate::base::time::{Span, Stamp};
-use crate::msg::{BusHealth, DRIVES, DriveFeedback, DriveState, Element, Fault, FaultCode, Mode, Value};
+use crate::msg::{BusHealth, DriveFeedback, DriveState, Element, Fault, FaultCode, Mode, Value};
 use std::f64::consts::PI;
 
 /// Faults found in a tick: all as bits, the first with its values.
@@ -52,8 +53,8 @@ pub(super) struct Memory {
     pub(super) mode_since: Stamp,
     /// Periods skipped within the last second.
     pub(super) skipped: u32,
-    /// How long each drive has been silent, our own stalls left out.
-    pub(super) silent: [Span; DRIVES],
+    /// How long each source has been silent, our own stalls left out.
+    pub(super) silent: Ages,
 }
 
 /// Looks at everything.
@@ -64,7 +65,7 @@ pub(super) fn examine(rules: &Rules, facts: &Facts<'_>, memory: &Memory) -> Find
     numbers(&mut found, facts);
     buses(&mut found, facts);
     drives(&mut found, rules, facts, memory);
-    sensors(&mut found, rules, facts);
+    sensors(&mut found, rules, facts, memory);
     posture(&mut found, rules, facts, mode);
     demand(&mut found, rules, facts, mode);
     let missing = facts.input.real_time_missing;
@@ -95,15 +96,16 @@ fn buses(found: &mut Findings, facts: &Facts<'_>) {
     }
 }
 
-/// A drive's word is too old to act on, be it the drive's fault or that of a stall of ours.
+/// Some source's word is too old to act on, be it its own fault or that of a stall of ours.
 pub(super) fn outdated(rules: &Rules, facts: &Facts<'_>) -> bool {
     let mut drives = facts.feedback.drives.iter().zip(&rules.drive_age);
-    drives.any(|(drive, limit)| !fresh(facts.input.now.since(drive.stamp), *limit))
+    !fresh(facts.snapshot.imu_age, rules.limits.imu_age)
+        || drives.any(|(drive, limit)| !fresh(facts.input.now.since(drive.stamp), *limit))
 }
 
 fn drives(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, memory: &Memory) {
     let timed_out = facts.input.now.since(memory.mode_since) > rules.limits.enable_timeout;
-    let drives = facts.feedback.drives.iter().zip(&rules.drive_age).zip(memory.silent);
+    let drives = facts.feedback.drives.iter().zip(&rules.drive_age).zip(memory.silent.drives);
     for (index, ((drive, limit), silent)) in drives.enumerate() {
         let broken = drive.state == DriveState::Fault || drive.error_code != 0;
         found.note(broken, FaultCode::DriveFault, index, f64::from(drive.error_code));
@@ -125,9 +127,10 @@ fn in_place(drive: &DriveFeedback, mode: Mode, timed_out: bool) -> bool {
     }
 }
 
-fn sensors(found: &mut Findings, rules: &Rules, facts: &Facts<'_>) {
+fn sensors(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, memory: &Memory) {
     let (seen, limits) = (facts.snapshot, &rules.limits);
-    found.note(!fresh(seen.imu_age, limits.imu_age), FaultCode::ImuStale, 0, seen.imu_age.as_s() * 1e3);
+    let silent = memory.silent.imu;
+    found.note(!fresh(silent, limits.imu_age), FaultCode::ImuStale, 0, silent.as_s() * 1e3);
     let silent = !fresh(seen.operator_age, limits.operator_age);
     found.note(silent, FaultCode::OperatorStale, 0, seen.operator_age.as_s() * 1e3);
     for (index, angle) in [seen.leg_angle_rad, seen.hip_angle_rad].into_iter().enumerate() {

@@ -4,7 +4,7 @@
 //! torque through (`limits`). What it promises, for any input whatever:
 //! - the torque is finite and within its limit, and zero unless the mode is `Armed`;
 //! - a fault, a stale source, a number that is not finite or the released dead-man gives zero torque in the same tick;
-//! - a stall of our own gives zero torque until the drives have spoken again, and is no fault while it is short;
+//! - a stall of our own gives zero torque until all have spoken again, and is no fault while it is short;
 //! - it arms only on a press that follows a release, both seen fresh, with nothing in the way;
 //! - the first fault is kept until the robot is armed again.
 
@@ -149,7 +149,7 @@ impl Guard {
         let now = facts.input.now;
         let fresh = health::fresh(facts.snapshot.operator_age, self.rules.limits.operator_age);
         let hand = self.dead_man.update(facts.snapshot.dead_man, fresh);
-        self.silence.observe(now, facts.feedback);
+        self.silence.observe(now, facts.feedback, facts.snapshot);
         let findings = health::examine(&self.rules, facts, &self.memory());
         self.heard |= !findings.has(FaultCode::ImuStale) && !findings.has(FaultCode::DriveStale) && fresh;
         self.change_mode(now, hand, &findings, facts.feedback);

@@ -1,13 +1,15 @@
-//! For how long each drive has been silent in our own time: the time in which we were there to ask. RT: yes.
+//! For how long each source has been silent in our own time: the time in which we were there to ask and to listen.
+//! RT: yes.
 //!
-//! Drives answer to our SYNC. After a stall of ours their last word is old, and no drive is to blame: the age beyond
-//! which a drive counts as silent leaves our stalls out, or one late tick would drop the robot. What is old stays
-//! unfit for torque, whoever is to blame ([`super::health::outdated`]).
+//! Drives answer to our SYNC, and the IMU's bytes wait until we read them. After a stall of ours their last word is old,
+//! and none of them is to blame: the age beyond which a source counts as silent leaves our stalls out, or one late tick
+//! would drop the robot. What is old stays unfit for torque, whoever is to blame ([`super::health::outdated`]). The
+//! operator is not among them: a hand that we could not see counts as open.
 
 use crate::base::time::{Span, Stamp};
-use crate::msg::{DRIVES, DriveFeedbacks};
+use crate::msg::{DRIVES, DriveFeedbacks, Snapshot};
 
-/// A drive's newest word.
+/// A source's newest word.
 #[derive(Clone, Copy, Debug)]
 struct Word {
     stamp: Stamp,
@@ -16,39 +18,63 @@ struct Word {
     stalled: Span,
 }
 
-/// The silence of every drive.
+/// Ages of the newest words, our stalls left out.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ages {
+    pub(super) drives: [Span; DRIVES],
+    pub(super) imu: Span,
+}
+
+/// The silence of every source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Silence {
     period: Span,
     last: Stamp,
-    words: [Word; DRIVES],
+    drives: [Word; DRIVES],
+    imu: Word,
 }
 
 impl Silence {
     pub(super) const fn new(period: Span) -> Self {
         let never = Word { stamp: Stamp::NEVER, age: Span(i64::MAX), stalled: Span::ZERO };
-        Self { period, last: Stamp::NEVER, words: [never; DRIVES] }
+        Self { period, last: Stamp::NEVER, drives: [never; DRIVES], imu: never }
     }
 
     /// Takes note of a tick.
-    pub(super) fn observe(&mut self, now: Stamp, feedback: &DriveFeedbacks) {
+    pub(super) fn observe(&mut self, now: Stamp, feedback: &DriveFeedbacks, snapshot: &Snapshot) {
         let since_last = if self.last == Stamp::NEVER { self.period } else { now.since(self.last) };
-        let stall = Span(since_last.0.saturating_sub(self.period.0).max(0));
+        let tick = Tick { now, since_last, stall: Span(since_last.0.saturating_sub(self.period.0).max(0)) };
         self.last = now;
-        for (word, drive) in self.words.iter_mut().zip(&feedback.drives) {
-            let stalled = Span(word.stalled.0.saturating_add(stall.0));
-            *word = if drive.stamp == word.stamp {
-                let age = Span(word.age.0.saturating_add(since_last.0.saturating_sub(stall.0)));
-                Word { age, stalled, ..*word }
-            } else {
-                Word { stamp: drive.stamp, age: without(now.since(drive.stamp), stalled), stalled: Span::ZERO }
-            };
+        for (word, drive) in self.drives.iter_mut().zip(&feedback.drives) {
+            word.hear(drive.stamp, &tick);
         }
+        let never = snapshot.imu_age == Span(i64::MAX);
+        self.imu.hear(if never { Stamp::NEVER } else { now - snapshot.imu_age }, &tick);
     }
 
-    /// Age of each drive's newest word, our stalls left out.
-    pub(super) fn ages(&self) -> [Span; DRIVES] {
-        self.words.map(|word| word.age)
+    /// For how long each source has said nothing.
+    pub(super) fn ages(&self) -> Ages {
+        Ages { drives: self.drives.map(|word| word.age), imu: self.imu.age }
+    }
+}
+
+/// When we look, and how long we have not.
+#[derive(Clone, Copy, Debug)]
+struct Tick {
+    now: Stamp,
+    since_last: Span,
+    stall: Span,
+}
+
+impl Word {
+    fn hear(&mut self, stamp: Stamp, tick: &Tick) {
+        let stalled = Span(self.stalled.0.saturating_add(tick.stall.0));
+        *self = if stamp == self.stamp {
+            let age = Span(self.age.0.saturating_add(tick.since_last.0.saturating_sub(tick.stall.0)));
+            Self { age, stalled, ..*self }
+        } else {
+            Self { stamp, age: without(tick.now.since(stamp), stalled), stalled: Span::ZERO }
+        };
     }
 }
 
@@ -69,18 +95,19 @@ mod tests {
         let mut feedback = DriveFeedbacks::default();
         for (now, word) in ticks {
             feedback.drives[0].stamp = Stamp(word * MS);
-            silence.observe(Stamp(now * MS), &feedback);
+            silence.observe(Stamp(now * MS), &feedback, &Snapshot::default());
         }
-        silence.ages()[0].as_s() * 1e3
+        silence.ages().drives[0].as_s() * 1e3
     }
 
     #[test]
-    fn a_drive_that_never_spoke_is_silent_for_ever() {
+    fn a_source_that_never_spoke_is_silent_for_ever() {
         let mut silence = Silence::new(Span::from_ms(1));
         let mut feedback = DriveFeedbacks::default();
         feedback.drives[0].stamp = Stamp::NEVER;
-        silence.observe(Stamp(5 * MS), &feedback);
-        assert_eq!(silence.ages()[0], Span(i64::MAX));
+        let never = Snapshot { imu_age: Span(i64::MAX), ..Snapshot::default() };
+        silence.observe(Stamp(5 * MS), &feedback, &never);
+        assert_eq!((silence.ages().drives[0], silence.ages().imu), (Span(i64::MAX), Span(i64::MAX)));
     }
 
     #[test]
@@ -90,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn our_stall_is_not_the_drives_silence() {
+    fn our_stall_is_not_the_sources_silence() {
         // The answer to the SYNC before the stall, read after it.
         assert!((age_ms(&[(10, 9), (31, 10)]) - 1.0).abs() < 1e-9);
         // It is read one tick later still.

@@ -283,9 +283,12 @@ fn one_late_tick_does_not_drop_the_robot_but_many_do() {
 fn stall(bench: &mut Bench, ms: i64) -> Decision {
     bench.live = false;
     bench.input.now += Span(ms * MS);
+    bench.snapshot.imu_age = Span(ms * MS);
     bench.input.skipped = u32::try_from(ms).unwrap();
     let decision = bench.tick(true);
     (bench.live, bench.input.skipped) = (true, 0);
+    bench.snapshot.imu_age = Span::ZERO;
+    bench.snapshot.operator_age = Span::ZERO;
     decision
 }
 
