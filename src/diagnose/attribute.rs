@@ -96,6 +96,7 @@ pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
     let values = kind.keys().iter().map(|k| value(k.name)).collect();
     let mut effect = Effect::new(kind, &candidate.at, values);
     effect.recordings = candidate.only.iter().cloned().collect();
+    effect.side = candidate.side;
     out.effects.push(effect);
     for sensor in out.sensors.iter_mut().filter(|s| candidate.motor_sensor.as_ref() == Some(&s.column)) {
         sensor.side = Side::Motor;

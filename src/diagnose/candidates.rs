@@ -5,6 +5,8 @@
 //! acts at all; shape parameters (a velocity, a frequency, a gap) get a grid.
 //! RT: no.
 
+use crate::model::rig::Side;
+
 /// How large things are on one joint over the fit recordings.
 #[derive(Clone, Debug)]
 pub struct JointScale {
@@ -97,6 +99,8 @@ pub struct Candidate {
     pub only: Option<String>,
     /// The sensor that sits on the motor side of the joint then, where two read the same coordinate.
     pub motor_sensor: Option<String>,
+    /// Side of the joint that it acts on.
+    pub side: Side,
 }
 
 const fn linear(name: &'static str, min: f64, max: f64) -> Key {
@@ -108,7 +112,7 @@ const fn decades(name: &'static str, min: f64, max: f64) -> Key {
 }
 
 fn candidate(effect: &'static str, at: &str, keys: Vec<Key>, starts: Vec<Vec<f64>>) -> Candidate {
-    Candidate { effect, at: at.to_owned(), keys, starts, only: None, motor_sensor: None }
+    Candidate { effect, at: at.to_owned(), keys, starts, only: None, motor_sensor: None, side: Side::Link }
 }
 
 /// Every candidate of the library that makes sense on this mechanism. Localised ones (a push, lost counts) start at
@@ -160,6 +164,12 @@ fn friction(j: &JointScale, scales: &Scales) -> Vec<Candidate> {
             vec![vec![0.002 * viscous / j.rate.max(1e-12)]],
         ),
     ];
+    if j.driven {
+        // What passes through the joint lies between the motor's torque and the mean with what it holds up, by where
+        // the inertia sits, which no rig tells.
+        let load = all.iter().find(|c| c.effect == "load_friction").cloned();
+        all.extend(load.map(|c| Candidate { side: Side::Motor, ..c }));
+    }
     // These refine a Coulomb level; without one they would stand in for it.
     if j.coulomb > 0.0 {
         all.push(candidate(
@@ -422,6 +432,17 @@ mod tests {
         two.sensors.push(SensorScale { column: "load_rad".into(), ..two.sensors[0].clone() });
         let on_motor = |s: &Scales| library(s).iter().filter(|c| c.motor_sensor.is_some()).count();
         assert_eq!((on_motor(&scales()), on_motor(&two)), (0, 2));
+    }
+
+    #[test]
+    fn load_is_tried_on_both_sides_of_a_driven_joint() {
+        let sides = |driven: bool| {
+            let mut scales = scales();
+            scales.joints[0].driven = driven;
+            library(&scales).iter().filter(|c| c.effect == "load_friction").map(|c| c.side).collect::<Vec<_>>()
+        };
+        assert_eq!(sides(true), [Side::Link, Side::Motor]);
+        assert_eq!(sides(false), [Side::Link]);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::diagnose::scan::{Hit, jump, push, ripple};
 use crate::diagnose::screen::Screen;
 use crate::diagnose::tangent::Tangent;
 use crate::model::effect::EffectKind;
-use crate::model::rig::MechanismKind;
+use crate::model::rig::{MechanismKind, Side};
 
 /// Largest number of periods per turn (or per travel) of a torque ripple that is looked for.
 const MOST_PERIODS: usize = 60;
@@ -112,6 +112,7 @@ fn ripple_candidate(scales: &Scales, screen: &Screen, windows: &[Tangent], joint
         starts: vec![vec![amplitude, order, libm::atan2(cosine, sine)]],
         only: None,
         motor_sensor: None,
+        side: Side::Link,
     })
 }
 
@@ -142,6 +143,7 @@ fn push_candidate(
         starts: vec![vec![impulse, time]],
         only: file(now, &windows[w]),
         motor_sensor: None,
+        side: Side::Link,
     })
 }
 
@@ -172,5 +174,6 @@ fn jump_candidate(
         starts: vec![vec![step, time]],
         only: file(now, &windows[w]),
         motor_sensor: None,
+        side: Side::Link,
     })
 }

@@ -4,6 +4,8 @@
 //! fits, [`identifiability`] says what the data determines.
 //! RT: no.
 
+#[cfg(test)]
+mod at_truth;
 pub mod experiment;
 pub mod fit;
 pub mod floor;
@@ -14,3 +16,5 @@ pub mod rollout;
 pub mod synthesis;
 pub mod thesis;
 pub mod theta;
+#[cfg(test)]
+pub(crate) mod true_case;

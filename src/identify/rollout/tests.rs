@@ -1,90 +1,22 @@
 //! Free runs against figures that others computed: published reference fits of hardware, truths of other simulators.
 use super::*;
 use crate::identify::experiment::Experiment;
-use crate::model::effect::EffectKind;
-use crate::model::rig::{Effect, Use, Value};
+use crate::identify::true_case::{TrueCase, shared};
+use crate::model::rig::{Use, Value};
 use rayon::prelude::*;
-use std::fs;
-use std::path::{Path, PathBuf};
-
-fn shared() -> Option<PathBuf> {
-    let path = std::env::var_os("COMPASS_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    if path.is_dir() {
-        return Some(path);
-    }
-    println!("SKIPPED: no shared folder at {}; set COMPASS_SHARED", path.display());
-    None
-}
-
-/// Sets one number; the effect is added if the rig does not have it.
-fn set(rig: &mut Rig, kind: EffectKind, at: &str, key: &str, value: f64) {
-    let Some(k) = kind.key_index(key) else { return };
-    let position = rig.effects.iter().position(|e| e.kind == kind && e.at == at).unwrap_or_else(|| {
-        rig.effects.push(Effect::new(kind, at, vec![Value::known(0.0); kind.keys().len()]));
-        rig.effects.len() - 1
-    });
-    rig.effects[position].values[k].value = value;
-}
-
-/// `rig` with the parameters under which a case was made.
-fn with_truth(rig: &Rig, truth: &serde_json::Value) -> Rig {
-    let mut rig = rig.clone();
-    for (name, value) in truth["base_truth"].as_object().unwrap() {
-        let value = value.as_f64().unwrap();
-        let (what, at) = name.split_once(':').unwrap_or((name, ""));
-        let joint = rig.mechanism.coordinate_index(at);
-        match what {
-            "gain" => rig.actuators.iter_mut().filter(|a| Some(a.joint) == joint).for_each(|a| a.gain.value = value),
-            "viscous" => set(&mut rig, EffectKind::ViscousFriction, at, "viscous", value),
-            "coulomb" if value > 0.0 => set(&mut rig, EffectKind::CoulombFriction, at, "coulomb", value),
-            "stiffness" if value > 0.0 => set(&mut rig, EffectKind::ParallelSpring, at, "stiffness", value),
-            "rest" if value.abs() > 0.0 => set(&mut rig, EffectKind::ParallelSpring, at, "rest", value),
-            _ => {
-                if let Some(i) = rig.mechanism.parameter_index(what) {
-                    rig.parameters[i].value = value;
-                }
-            }
-        }
-    }
-    for effect in truth["effects"].as_array().unwrap() {
-        let Some(kind) = EffectKind::from_id(effect["effect"].as_str().unwrap()) else { continue };
-        let at = effect["at"].as_str().unwrap();
-        let values = kind.keys().iter().map(|key| {
-            let given = effect["parameters"].get(key.name).or(effect.get("further").and_then(|f| f.get(key.name)));
-            Value::known(given.and_then(serde_json::Value::as_f64).unwrap_or(0.0))
-        });
-        let mut new = Effect::new(kind, at, values.collect());
-        if matches!(kind, EffectKind::LostCounts | EffectKind::ExternalPush) {
-            let active = effect["active"].as_array().unwrap().iter();
-            new.recordings = active.map(|a| a["recording"].as_str().unwrap().to_owned()).collect();
-        }
-        rig.effects.push(new);
-    }
-    rig
-}
+use std::path::Path;
 
 /// id, channel, our error with the true parameters, the noise floor.
 fn errors_of_truth(shared: &Path, id: &str) -> Vec<(String, f64, f64)> {
-    let text = fs::read_to_string(shared.join(format!("cases/blind-dev-truth/{id}.json"))).unwrap();
-    let truth: serde_json::Value = serde_json::from_str(&text).unwrap();
-    let experiment = Experiment::load(&shared.join("cases/blind-dev").join(id)).unwrap();
-    let rig = with_truth(&experiment.rig, &truth);
-    let pooled = Pooled::of(&rig, experiment.of_use(Use::Heldout));
+    let case = TrueCase::load(shared, id);
+    let pooled = Pooled::of(&case.rig, case.experiment.of_use(Use::Heldout));
     let mut out = Vec::new();
-    for recording in experiment.of_use(Use::Heldout) {
-        let run = free_run(&rig, recording, &pooled);
-        for (channel, sensor) in rig.sensors.iter().enumerate() {
-            let of = |h: &&serde_json::Value| {
-                h["channel"] == sensor.column.as_str() && h["recording"] == recording.name.as_str()
-            };
-            let Some(held) = truth["heldout"].as_array().unwrap().iter().find(of) else { continue };
+    for recording in case.experiment.of_use(Use::Heldout) {
+        let run = free_run(&case.rig, recording, &pooled);
+        for (channel, sensor) in case.rig.sensors.iter().enumerate() {
+            let Some(floor) = case.floor(&recording.name, &sensor.column) else { continue };
             let error = run.as_ref().ok().and_then(|r| r.nrmse[channel]).unwrap_or(f64::NAN);
-            out.push((
-                format!("{id} {} {}", truth["family"], sensor.column),
-                error,
-                held["nrmse_floor"].as_f64().unwrap(),
-            ));
+            out.push((format!("{id} {} {}", case.family(), sensor.column), error, floor));
         }
     }
     out
@@ -93,12 +25,7 @@ fn errors_of_truth(shared: &Path, id: &str) -> Vec<(String, f64, f64)> {
 #[test]
 fn true_parameters_reproduce_the_recordings_of_other_simulators() {
     let Some(shared) = shared() else { return };
-    let mut ids: Vec<String> = fs::read_dir(shared.join("cases/blind-dev"))
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
-    ids.sort();
-    let rows: Vec<_> = ids.par_iter().flat_map_iter(|id| errors_of_truth(&shared, id)).collect();
+    let rows: Vec<_> = TrueCase::ids(&shared).par_iter().flat_map_iter(|id| errors_of_truth(&shared, id)).collect();
     for (name, error, floor) in &rows {
         println!("{name}: {error:.5} floor {floor:.5} ratio {:.3}", error / floor);
     }
@@ -138,16 +65,13 @@ fn reference_fits_of_hardware_are_met() {
 }
 
 /// The rig under which a case was made, its hidden effects free.
-fn truth_rig(shared: &Path, id: &str) -> (Rig, Experiment) {
-    let text = fs::read_to_string(shared.join(format!("cases/blind-dev-truth/{id}.json"))).unwrap();
-    let truth: serde_json::Value = serde_json::from_str(&text).unwrap();
-    let experiment = Experiment::load(&shared.join("cases/blind-dev").join(id)).unwrap();
-    let mut rig = with_truth(&experiment.rig, &truth);
-    let known = experiment.rig.effects.len();
-    for value in rig.effects.iter_mut().skip(known).flat_map(|e| &mut e.values) {
+fn case_with_free_effects(shared: &Path, id: &str) -> TrueCase {
+    let mut case = TrueCase::load(shared, id);
+    let hidden = case.hidden();
+    for value in case.rig.effects[hidden].iter_mut().flat_map(|e| &mut e.values) {
         *value = Value::free(value.value, -1e6, 1e6);
     }
-    (rig, experiment)
+    case
 }
 
 /// Prediction of a window, channels one after the other.
@@ -196,14 +120,15 @@ fn derivatives_are_exact_through_the_steps_of_a_walk() {
     let Some(shared) = shared() else { return };
     let (mut smooth, mut all) = (0, 0);
     for id in ["dev-005", "dev-012", "dev-028", "dev-035"] {
-        let (rig, experiment) = truth_rig(&shared, id);
-        let pooled = Pooled::of(&rig, experiment.of_use(Use::Fit));
+        let case = case_with_free_effects(&shared, id);
+        let (rig, experiment) = (&case.rig, &case.experiment);
+        let pooled = Pooled::of(rig, experiment.of_use(Use::Fit));
         for recording in experiment.of_use(Use::Fit) {
-            let rollout = Rollout::new(&rig, recording, Fidelity::default()).unwrap();
-            let weights = pooled.weights(&rig, recording);
+            let rollout = Rollout::new(rig, recording, Fidelity::default()).unwrap();
+            let weights = pooled.weights(rig, recording);
             for window in 0..rollout.windows().len() {
                 let initial = rollout.fit_initial(window, &weights, &rollout.guess(window)).unwrap();
-                for (name, error) in slope_errors(&rig, recording, window, &initial) {
+                for (name, error) in slope_errors(rig, recording, window, &initial) {
                     all += 1;
                     let Some(error) = error else { continue };
                     smooth += 1;
@@ -220,15 +145,14 @@ fn derivatives_are_exact_through_the_steps_of_a_walk() {
 fn steps_four_times_shorter_change_nothing_that_the_noise_would_show() {
     let Some(shared) = shared() else { return };
     let floor_of = |id: &String| -> Vec<(String, f64)> {
-        let (rig, experiment) = truth_rig(&shared, id);
-        let pooled = Pooled::of(&rig, experiment.of_use(Use::Heldout));
-        let truth = fs::read_to_string(shared.join(format!("cases/blind-dev-truth/{id}.json"))).unwrap();
-        let truth: serde_json::Value = serde_json::from_str(&truth).unwrap();
+        let case = case_with_free_effects(&shared, id);
+        let (rig, experiment) = (&case.rig, &case.experiment);
+        let pooled = Pooled::of(rig, experiment.of_use(Use::Heldout));
         let mut out = Vec::new();
         for recording in experiment.of_use(Use::Heldout) {
-            let rollout = Rollout::new(&rig, recording, Fidelity::default()).unwrap();
-            let finer = Rollout::new(&rig, recording, Fidelity { refine: 4 }).unwrap();
-            let weights = pooled.weights(&rig, recording);
+            let rollout = Rollout::new(rig, recording, Fidelity::default()).unwrap();
+            let finer = Rollout::new(rig, recording, Fidelity { refine: 4 }).unwrap();
+            let weights = pooled.weights(rig, recording);
             let mut sums = vec![(0.0, 0.0); rig.sensors.len()];
             for window in 0..rollout.windows().len() {
                 let initial = rollout.fit_initial(window, &weights, &rollout.guess(window)).unwrap();
@@ -241,19 +165,15 @@ fn steps_four_times_shorter_change_nothing_that_the_noise_would_show() {
                 }
             }
             for (channel, sensor) in rig.sensors.iter().enumerate() {
-                let of = |h: &&serde_json::Value| {
-                    h["channel"] == sensor.column.as_str() && h["recording"] == recording.name.as_str()
-                };
-                let Some(held) = truth["heldout"].as_array().unwrap().iter().find(of) else { continue };
-                let noise = held["nrmse_floor"].as_f64().unwrap() * pooled.std[channel];
-                let floor = (sums[channel].0 / sums[channel].1).sqrt();
-                out.push((format!("{id} {} {}", truth["family"], sensor.column), floor / noise));
+                let Some(floor) = case.floor(&recording.name, &sensor.column) else { continue };
+                let noise = floor * pooled.std[channel];
+                let steps = (sums[channel].0 / sums[channel].1).sqrt();
+                out.push((format!("{id} {} {}", case.family(), sensor.column), steps / noise));
             }
         }
         out
     };
-    let ids: Vec<String> = (1..=42).map(|k| format!("dev-{k:03}")).collect();
-    let rows: Vec<_> = ids.par_iter().flat_map_iter(floor_of).collect();
+    let rows: Vec<_> = TrueCase::ids(&shared).par_iter().flat_map_iter(floor_of).collect();
     for (name, ratio) in &rows {
         println!("{name}: {ratio:.1e} of the noise");
         // Measured: at most 5e-4.

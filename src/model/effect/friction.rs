@@ -51,6 +51,8 @@ pub struct DryFriction<S> {
     pub stribeck: Option<(S, S)>,
     /// Level per transmitted torque, if any effect names it.
     pub load: Option<S>,
+    /// Level per torque of the motors, if any effect names it: friction on the motor's side of what is transmitted.
+    pub motor_load: Option<S>,
     /// Relative growth of the Coulomb level, 1/s, from t = 0 of the recording's clock, if any effect names it.
     pub drift: Option<S>,
     /// Bristle stiffness, Nm/rad; none = rigid sticking.
@@ -58,10 +60,10 @@ pub struct DryFriction<S> {
 }
 
 impl<S: Scalar> DryFriction<S> {
-    /// Level at rate `r` and time `t`, while `transmitted` passes through the joint. Never negative.
+    /// Level at rate `r` and time `t`, while `through` passes through the joint. Never negative.
     #[inline]
     #[must_use]
-    pub fn level(&self, r: S, t: S, transmitted: S) -> S {
+    pub fn level(&self, r: S, t: S, through: Load<S>) -> S {
         let mut level = self.coulomb;
         if let Some(drift) = self.drift {
             level *= drift * t + 1.0;
@@ -70,7 +72,10 @@ impl<S: Scalar> DryFriction<S> {
             level += extra * (-(r / velocity).square()).exp();
         }
         if let Some(load) = self.load {
-            level += load * transmitted.abs();
+            level += load * through.transmitted().abs();
+        }
+        if let Some(load) = self.motor_load {
+            level += load * through.motors.abs();
         }
         if level.value() < 0.0 { S::zero() } else { level }
     }
@@ -78,7 +83,31 @@ impl<S: Scalar> DryFriction<S> {
     /// True if the level depends on what the joint transmits.
     #[must_use]
     pub fn needs_load(&self) -> bool {
-        self.load.is_some()
+        self.load.is_some() || self.motor_load.is_some()
+    }
+}
+
+/// What passes through a joint, Nm.
+///
+/// Between motor and link a joint carries the motors' torque less what speeds up the rotor: the motors' whole torque if
+/// all inertia sits beyond it, what they hold up if all sits on the rotor. The contract takes the mean, which fits a
+/// geared servo (`bam_xl330`: held-out error .085 against .43 and .23 with either alone, reference parameters); a
+/// simulated joint without rotor carries the motors' torque (its recordings fit to the noise, 2.1 times it with the mean).
+/// On the motor's side (`side = "motor"`) the load is that torque.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Load<S> {
+    /// Torque of the motors on the joint.
+    pub motors: S,
+    /// Torque of gravity and coupling that they hold up at rest.
+    pub held: S,
+}
+
+impl<S: Scalar> Load<S> {
+    /// Mean of both.
+    #[inline]
+    #[must_use]
+    pub fn transmitted(&self) -> S {
+        (self.motors + self.held) * 0.5
     }
 }
 
@@ -169,6 +198,7 @@ impl<S: Scalar> Axis<S> {
             coulomb: S::zero(),
             stribeck: None,
             load: None,
+            motor_load: None,
             drift: None,
             bristle: None,
         })

@@ -7,7 +7,7 @@ use super::{MAX_BRISTLES, Machine, MachineError, Phase, Play, Push, Work};
 use crate::base::scalar::Scalar;
 use crate::model::effect::EffectKind;
 use crate::model::effect::actuator::Drive;
-use crate::model::effect::drive::{Rotor, StructuralMode};
+use crate::model::effect::drive::{Rotor, StructuralMode, Whole};
 use crate::model::effect::friction::{Axis, DryFriction, Grip, Ripple, Spring};
 use crate::model::effect::sensing::Pickup;
 use crate::model::mechanism::{Body, DoublePendulum, Legs, MAX, Mechanism, Pendulum, Row, Slider};
@@ -119,8 +119,9 @@ impl<S: Scalar> Machine<S> {
             if link.is_none() {
                 continue;
             }
-            let whole = self.plant.body.link_inertia(joint);
-            let mode = StructuralMode::new(link, self.plant.n, whole, lift(frequency), lift(damping), lift(share));
+            let (inertia, gravity) = (self.plant.body.link_inertia(joint), self.plant.body.link_gravity(joint));
+            let keys = [lift(frequency), lift(damping), lift(share)];
+            let mode = StructuralMode::new(link, self.plant.n, Whole { inertia, gravity }, keys);
             self.plant.structures.push(mode);
             self.plant.n += 1;
         }
@@ -157,6 +158,7 @@ impl<S: Scalar> Machine<S> {
             EffectKind::CoulombFriction => axis.dry_mut().coulomb += x[0],
             EffectKind::FrictionAsymmetry => axis.offset -= x[0],
             EffectKind::StribeckFriction => axis.dry_mut().stribeck = Some((x[0], x[1])),
+            EffectKind::LoadFriction if effect.side == Side::Motor => add(&mut axis.dry_mut().motor_load, x[0]),
             EffectKind::LoadFriction => add(&mut axis.dry_mut().load, x[0]),
             EffectKind::Presliding => axis.dry_mut().bristle = Some(x[0]),
             EffectKind::FrictionDrift => add(&mut axis.dry_mut().drift, x[0]),

@@ -7,7 +7,7 @@ use super::{MAX_BRISTLES, Machine, Play};
 use crate::base::scalar::Scalar;
 use crate::model::effect::actuator::Drive;
 use crate::model::effect::drive::{Rotor, StructuralMode};
-use crate::model::effect::friction::{Axis, BRISTLE_RATIO, Grip};
+use crate::model::effect::friction::{Axis, BRISTLE_RATIO, Grip, Load};
 use crate::model::mechanism::{Body, Equations, MAX, Mechanism};
 
 /// Continuous state: coordinates, rates, bristle deflections.
@@ -224,8 +224,8 @@ impl<S: Scalar> Plant<S> {
             let rate = axis.row.of(&y.v);
             axis.row.push(axis.smooth_torque(axis.row.of(&y.q), rate), &mut work.eq.force);
             let Some(dry) = &axis.dry else { continue };
-            let transmitted = if dry.needs_load() { self.transmitted(axis.joint, y, t, &work.bare) } else { S::zero() };
-            let level = dry.level(rate, t, transmitted);
+            let load = if dry.needs_load() { self.load(axis.joint, y, t, &work.bare) } else { Load::default() };
+            let level = dry.level(rate, t, load);
             work.level[i] = level;
             if let Some(stiffness) = dry.bristle {
                 let (torque, zdot) = self.bristle(axis.joint, stiffness, y.z[bristle], rate, level);
@@ -254,13 +254,13 @@ impl<S: Scalar> Plant<S> {
         (stiffness * z + damping * zdot, zdot)
     }
 
-    /// Mean of the motors' torque on `joint` and of what they hold up.
-    fn transmitted(&self, joint: usize, y: &Phase<S>, t: S, bias: &[S; MAX]) -> S {
+    /// What passes through `joint`.
+    fn load(&self, joint: usize, y: &Phase<S>, t: S, bias: &[S; MAX]) -> Load<S> {
         let mut motors = S::zero();
         for drive in self.drives.iter().filter(|d| d.joint == joint) {
             motors += self.torque_of(drive, y, t);
         }
-        (motors + self.body.held_torque(joint, bias)) * 0.5
+        Load { motors, held: self.body.held_torque(joint, bias) }
     }
 
     /// One RK4 step of length `h` from `y` at `now` into `end`; modes and commands as they are. `flows`: `work` already

@@ -1,13 +1,17 @@
 //! Reads a rig file strictly: unknown keys, wrong types and impossible values are errors with their line, all at once.
 //!
+//! `fields` takes keys and values out of tables, `entries` reads effects and recordings, the rest of a rig is here.
 //! RT: no.
 
-use super::{Actuator, Bounds, Effect, MechanismKind, RecordingEntry, Rig, Sensor, Setup, Side, Use, Value};
-use crate::model::effect::{EffectKind, SiteKind};
+mod entries;
+mod fields;
+
+use super::{Actuator, MechanismKind, Rig, Sensor, Side, Value};
+use fields::{Fields, Reader, into_table};
 use std::fmt;
 use std::ops::Range;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::DeTable;
 
 /// One thing that is wrong with a rig file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -63,160 +67,7 @@ impl Rig {
     }
 }
 
-type Item<'a> = Spanned<DeValue<'a>>;
-
-/// A table whose keys are taken one by one; what is left over is unknown.
-struct Fields<'a> {
-    table: DeTable<'a>,
-    span: Range<usize>,
-    /// How messages call the table.
-    name: String,
-}
-
-impl<'a> Fields<'a> {
-    fn new(table: DeTable<'a>, span: Range<usize>, name: &str) -> Self {
-        Self { table, span, name: name.to_owned() }
-    }
-    fn take(&mut self, key: &str) -> Option<Item<'a>> {
-        self.table.remove(key)
-    }
-}
-
-/// Collects the complaints.
-struct Reader<'t> {
-    text: &'t str,
-    file: &'t str,
-    errors: Vec<RigError>,
-}
-
 impl Reader<'_> {
-    fn complain(&mut self, span: &Range<usize>, key: &str, message: impl Into<String>) {
-        let line = 1 + self.text.bytes().take(span.start).filter(|b| *b == b'\n').count();
-        self.errors.push(RigError { file: self.file.to_owned(), line, key: key.to_owned(), message: message.into() });
-    }
-
-    /// Complains about the keys nobody took.
-    fn finish(&mut self, fields: Fields<'_>, known: &str) {
-        for (key, _) in &fields.table {
-            self.complain(&key.span(), key.get_ref(), format!("unknown key in {}; known: {known}", fields.name));
-        }
-    }
-
-    fn required<'a>(&mut self, fields: &mut Fields<'a>, key: &str) -> Option<Item<'a>> {
-        let item = fields.take(key);
-        if item.is_none() {
-            let message = format!("missing in {}", fields.name);
-            self.complain(&fields.span.clone(), key, message);
-        }
-        item
-    }
-
-    fn string(&mut self, key: &str, item: Item<'_>) -> Option<String> {
-        let span = item.span();
-        let text = item.into_inner().as_str().map(str::to_owned);
-        if text.is_none() {
-            self.complain(&span, key, "must be a text in quotes");
-        }
-        text
-    }
-
-    fn required_string(&mut self, fields: &mut Fields<'_>, key: &str) -> Option<(String, Range<usize>)> {
-        let item = self.required(fields, key)?;
-        let span = item.span();
-        Some((self.string(key, item)?, span))
-    }
-
-    fn optional_string(&mut self, fields: &mut Fields<'_>, key: &str) -> Option<(String, Range<usize>)> {
-        let item = fields.take(key)?;
-        let span = item.span();
-        Some((self.string(key, item)?, span))
-    }
-
-    fn float(&mut self, key: &str, item: &Item<'_>) -> Option<f64> {
-        let number = match item.get_ref() {
-            DeValue::Float(x) => parse_float(x.as_str()),
-            DeValue::Integer(x) => i64::from_str_radix(x.as_str(), x.radix()).ok().map(int_to_float),
-            _ => None,
-        };
-        match number {
-            Some(x) if x.is_finite() => Some(x),
-            Some(_) => {
-                self.complain(&item.span(), key, "must be finite");
-                None
-            }
-            None => {
-                self.complain(&item.span(), key, "must be a number");
-                None
-            }
-        }
-    }
-
-    fn optional_float(&mut self, fields: &mut Fields<'_>, key: &str, low: f64) -> Option<f64> {
-        let item = fields.take(key)?;
-        let x = self.float(key, &item)?;
-        if x < low {
-            self.complain(&item.span(), key, format!("is {x}, must be at least {low}"));
-            return None;
-        }
-        Some(x)
-    }
-
-    /// `{ value, min, max }` or a bare number.
-    fn value(&mut self, key: &str, item: Item<'_>) -> Option<Value> {
-        let span = item.span();
-        if !item.get_ref().is_table() {
-            return self.float(key, &item).map(Value::known);
-        }
-        let mut fields = Fields::new(into_table(item)?, span.clone(), key);
-        let value = self.required(&mut fields, "value").and_then(|i| self.float(key, &i));
-        let min = fields.take("min").and_then(|i| self.float(key, &i));
-        let max = fields.take("max").and_then(|i| self.float(key, &i));
-        self.finish(fields, "value, min, max");
-        let value = value?;
-        match (min, max) {
-            (None, None) => Some(Value::known(value)),
-            (Some(min), Some(max)) if min < max && (min..=max).contains(&value) => {
-                Some(Value { value, bounds: Some(Bounds { min, max }) })
-            }
-            (Some(min), Some(max)) => {
-                self.complain(
-                    &span,
-                    key,
-                    format!("needs min <= value <= max and min < max, got {min}, {value}, {max}"),
-                );
-                None
-            }
-            _ => {
-                self.complain(&span, key, "needs both `min` and `max`, or none of them");
-                None
-            }
-        }
-    }
-
-    fn required_value(&mut self, fields: &mut Fields<'_>, key: &str) -> Option<Value> {
-        let item = self.required(fields, key)?;
-        self.value(key, item)
-    }
-
-    /// The tables of `[[key]]`.
-    fn tables<'a>(&mut self, fields: &mut Fields<'a>, key: &str, name: &str) -> Vec<Fields<'a>> {
-        let Some(item) = fields.take(key) else { return Vec::new() };
-        let span = item.span();
-        let DeValue::Array(array) = item.into_inner() else {
-            self.complain(&span, key, format!("must be a list of tables: [[{key}]]"));
-            return Vec::new();
-        };
-        let mut out = Vec::new();
-        for item in array {
-            let span = item.span();
-            match item.into_inner() {
-                DeValue::Table(table) => out.push(Fields::new(table, span, name)),
-                _ => self.complain(&span, key, "must be a table"),
-            }
-        }
-        out
-    }
-
     fn rig(&mut self, mut fields: Fields<'_>) -> Option<Rig> {
         self.schema(&mut fields);
         let name = self.optional_string(&mut fields, "name").map(|(n, _)| n).unwrap_or_default();
@@ -347,131 +198,6 @@ impl Reader<'_> {
         }
     }
 
-    fn setup(&mut self, fields: &mut Fields<'_>, mechanism: MechanismKind) -> Option<Setup> {
-        let (id, span) = self.optional_string(fields, "setup")?;
-        if !mechanism.has_ground() {
-            self.complain(&span, "setup", "only the compass gait has set-ups");
-            return None;
-        }
-        let setup = Setup::from_id(&id);
-        if setup.is_none() {
-            let known: Vec<&str> = Setup::ALL.iter().map(|s| s.id()).collect();
-            self.complain(&span, "setup", format!("`{id}` is not one of {}", known.join(", ")));
-        }
-        setup
-    }
-
-    /// `scoped`: it may say in which set-up or recordings it acts.
-    fn effect(&mut self, mut fields: Fields<'_>, rig: &Rig, scoped: bool) -> Option<Effect> {
-        let (id, id_span) = self.required_string(&mut fields, "effect")?;
-        let Some(kind) = EffectKind::from_id(&id) else {
-            let known: Vec<&str> = EffectKind::ALL.iter().map(|k| k.id()).collect();
-            self.complain(&id_span, "effect", format!("`{id}` is not one of {}", known.join(", ")));
-            return None;
-        };
-        let at = self.required_string(&mut fields, "at");
-        if let Some((at, span)) = &at {
-            self.place(rig, kind, at, span);
-        }
-        let values: Vec<Option<Value>> =
-            kind.keys().iter().map(|key| self.required_value(&mut fields, key.name)).collect();
-        let side = if kind.has_side() { self.side(&mut fields) } else { Side::Link };
-        let setup = if scoped { self.setup(&mut fields, rig.mechanism) } else { None };
-        let recordings = if scoped { self.names(&mut fields, "recordings") } else { Vec::new() };
-        let keys: Vec<&str> = kind.keys().iter().map(|key| key.name).collect();
-        self.finish(fields, &format!("effect, at, {}, side (friction), setup, recordings", keys.join(", ")));
-        let values = values.into_iter().collect::<Option<Vec<Value>>>()?;
-        Some(Effect { kind, at: at?.0, values, side, setup, recordings })
-    }
-
-    fn place(&mut self, rig: &Rig, kind: EffectKind, at: &str, span: &Range<usize>) {
-        if rig.site(kind, at).is_some() {
-            return;
-        }
-        let what = match kind.site() {
-            SiteKind::Joint => "a coordinate",
-            SiteKind::Actuator => "the column of an actuator",
-            SiteKind::Sensor => "the column of a sensor",
-            SiteKind::Ground => "`ground`, of a mechanism that stands on it",
-        };
-        let places = rig.places(kind).join(", ");
-        self.complain(span, "at", format!("`{at}`: {kind} stands at {what}; here: {places}"));
-    }
-
-    fn names(&mut self, fields: &mut Fields<'_>, key: &str) -> Vec<String> {
-        let Some(item) = fields.take(key) else { return Vec::new() };
-        let span = item.span();
-        let DeValue::Array(array) = item.into_inner() else {
-            self.complain(&span, key, "must be a list of texts");
-            return Vec::new();
-        };
-        array.into_iter().filter_map(|item| self.string(key, item)).collect()
-    }
-
-    fn recording(&mut self, mut fields: Fields<'_>, rig: &Rig) -> Option<RecordingEntry> {
-        let span = fields.span.clone();
-        let file = self.required_string(&mut fields, "file");
-        let usage = self.usage(&mut fields);
-        let window_s = self.window(&mut fields);
-        let setup = self.setup(&mut fields, rig.mechanism);
-        if rig.mechanism.has_ground() && setup.is_none() {
-            self.complain(&span, "setup", "missing: a recording of the compass gait says how it was set up");
-        }
-        let stance_column = self.optional_string(&mut fields, "stance_column").map(|(c, _)| c);
-        let parameters = self.overrides(&mut fields, rig.mechanism);
-        let mut effects = Vec::new();
-        for table in self.tables(&mut fields, "effects", "effects of a recording") {
-            let effect = self.effect(table, rig, false);
-            effects.extend(effect);
-        }
-        self.finish(fields, "file, use, window_s, setup, stance_column, parameters, effects");
-        Some(RecordingEntry { file: file?.0, usage: usage?, window_s, setup, stance_column, parameters, effects })
-    }
-
-    fn usage(&mut self, fields: &mut Fields<'_>) -> Option<Use> {
-        let (word, span) = self.required_string(fields, "use")?;
-        match word.as_str() {
-            "fit" => Some(Use::Fit),
-            "heldout" => Some(Use::Heldout),
-            _ => {
-                self.complain(&span, "use", format!("`{word}` is neither \"fit\" nor \"heldout\""));
-                None
-            }
-        }
-    }
-
-    fn window(&mut self, fields: &mut Fields<'_>) -> Option<f64> {
-        let item = fields.take("window_s")?;
-        let window_s = self.float("window_s", &item)?;
-        if window_s <= 0.0 {
-            self.complain(&item.span(), "window_s", format!("is {window_s}, must be above 0"));
-            return None;
-        }
-        Some(window_s)
-    }
-
-    fn overrides(&mut self, fields: &mut Fields<'_>, mechanism: MechanismKind) -> Vec<(usize, Value)> {
-        let Some(item) = fields.take("parameters") else { return Vec::new() };
-        let span = item.span();
-        let Some(table) = into_table(item) else {
-            self.complain(&span, "parameters", "must be a table");
-            return Vec::new();
-        };
-        let mut fields = Fields::new(table, span, "parameters of a recording");
-        let mut out = Vec::new();
-        for (i, info) in mechanism.parameters().iter().enumerate() {
-            if let Some(item) = fields.take(info.name) {
-                let span = item.span();
-                if let Some(value) = self.value(info.name, item) {
-                    self.positive(&span, info.name, info.positive, value);
-                    out.push((i, value));
-                }
-            }
-        }
-        self.finish(fields, &parameter_names(mechanism));
-        out
-    }
-
     fn distinct_columns(&mut self, span: &Range<usize>, rig: &Rig) {
         let columns: Vec<&str> = rig.sensors.iter().map(|s| s.column.as_str()).collect();
         self.distinct(span, "column", &columns);
@@ -495,21 +221,4 @@ impl Reader<'_> {
 
 fn parameter_names(mechanism: MechanismKind) -> String {
     mechanism.parameters().iter().map(|p| p.name).collect::<Vec<_>>().join(", ")
-}
-
-fn into_table<'a>(item: Item<'a>) -> Option<DeTable<'a>> {
-    match item.into_inner() {
-        DeValue::Table(table) => Some(table),
-        _ => None,
-    }
-}
-
-/// TOML floats may have underscores and signs; `inf` and `nan` are refused later.
-fn parse_float(text: &str) -> Option<f64> {
-    text.replace('_', "").parse().ok()
-}
-
-#[expect(clippy::cast_precision_loss, reason = "numbers of a rig are small")]
-fn int_to_float(x: i64) -> f64 {
-    x as f64
 }
