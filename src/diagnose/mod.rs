@@ -6,7 +6,9 @@
 
 pub mod attribute;
 pub mod base;
+pub mod belief;
 pub mod candidates;
+pub mod contest;
 pub mod flexible;
 pub mod folds;
 pub mod generator;
@@ -22,6 +24,7 @@ pub mod pipeline;
 pub mod propose;
 pub mod prove;
 pub mod ridge;
+pub mod round;
 pub mod scales;
 pub mod scan;
 pub mod score;
@@ -32,5 +35,6 @@ pub mod suspicion;
 pub mod tables;
 pub mod tangent;
 pub mod trial;
+pub mod tried;
 pub mod unlisted;
 pub mod verdict;

@@ -2,8 +2,9 @@
 //!
 //! RT: no.
 
-use crate::diagnose::attribute::{Added, Context, Selection, Trial, compare, contested, forward, worth};
+use crate::diagnose::attribute::{Selection, forward};
 use crate::diagnose::base::{as_given, drop_spikes, fit_recordings, fitted, floors};
+use crate::diagnose::contest::contested;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::laws;
 use crate::diagnose::likelihood::{samples, white};
@@ -16,8 +17,9 @@ use crate::diagnose::scales::scales;
 use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
 use crate::diagnose::sets::{answered, rejected};
-use crate::diagnose::suspicion::unstable;
+use crate::diagnose::suspicion::suspicions;
 use crate::diagnose::tables::{headline, parameter_lines, ranking, undetermined_combinations};
+use crate::diagnose::tried::{Added, Context, Trial, compare, worth};
 use crate::diagnose::unlisted::{Unlisted, unexplained};
 use crate::diagnose::verdict::{Diagnosis, Findings, Law, Missing, Trace, Verdict, verdict_of};
 use crate::identify::experiment::{Experiment, Recording};
@@ -88,11 +90,10 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
     let rest = rest.map(|(unlisted, _)| unlisted);
-    let suspicious = unstable(&base);
     let answer = Found { given, base, found, added, rest, refit_needed };
     let mut warnings = warnings(experiment, &dropped);
-    warnings.extend(suspicious);
     let explained = answer.explained();
+    warnings.extend(suspicions(explained, &context.floors));
     warnings.extend(complaints(&explained.problem, &explained.point, &explained.noise));
     said("proof");
     let mut findings = answer.findings(experiment, &context, &last, warnings)?;

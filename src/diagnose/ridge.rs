@@ -6,8 +6,8 @@
 //! .09), 1 % better. So a fit that was found is tried again from other places with the same resonance.
 //! RT: no.
 
-use crate::diagnose::attribute::Context;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::tried::Context;
 use crate::identify::fit::Limits;
 use crate::model::effect::EffectKind;
 use crate::model::resonance::resonance_hz;

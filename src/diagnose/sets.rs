@@ -2,11 +2,11 @@
 //!
 //! RT: no.
 
-use crate::diagnose::attribute::{Added, Context, Trial, compare, worth};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::Difference;
 use crate::diagnose::sentence;
 use crate::diagnose::tables::estimates;
+use crate::diagnose::tried::{Added, Context, Trial, compare, worth};
 use crate::diagnose::verdict::{Estimate, Member, Missing, Rejected};
 use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Rig, Scope, Slot};

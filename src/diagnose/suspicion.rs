@@ -25,8 +25,7 @@ const LOST: f64 = 3e3;
 const ENOUGH: f64 = 30.0;
 
 /// One line per recording whose windows are too long for an unstable or chaotic motion; one linearisation.
-#[must_use]
-pub fn unstable(of: &Hypothesis) -> Vec<String> {
+fn unstable(of: &Hypothesis) -> Vec<String> {
     let mut out = Vec::new();
     for (r, recording) in of.problem.recordings.iter().enumerate() {
         let windows = of.problem.windows.iter().enumerate().filter(|(_, (of, _))| *of == r);
@@ -80,9 +79,10 @@ fn disagreement(of: &Hypothesis, floors: &[f64]) -> Option<String> {
     if together.iter().all(|x| *x < ALONE) {
         return None;
     }
-    let alone: Vec<Hypothesis> = (0..count).map(|r| alone(of, r, &noise, floors)).collect::<Option<_>>()?;
-    let falls = alone.iter().zip(&together).any(|(a, before)| *before > ALONE * excess(a, 0, floors));
-    if !falls || alone.iter().any(|a| excess(a, 0, floors) > EXPLAINED) {
+    // The first that is not explained even by itself ends the search: physics is missing there, not a parameter.
+    let explained = |r: usize| alone(of, r, &noise, floors).filter(|a| excess(a, 0, floors) <= EXPLAINED);
+    let alone: Vec<Hypothesis> = (0..count).map(explained).collect::<Option<_>>()?;
+    if !alone.iter().zip(&together).any(|(a, before)| *before > ALONE * excess(a, 0, floors)) {
         return None;
     }
     let values: Vec<Vec<f64>> = alone.iter().map(|a| a.problem.values(&a.point.parameters)).collect();

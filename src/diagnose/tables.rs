@@ -2,8 +2,8 @@
 //!
 //! RT: no.
 
-use crate::diagnose::attribute::{Added, Context, Trial, removed};
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::tried::{Added, Context, Trial, removed};
 use crate::diagnose::verdict::{Diagnosis, Estimate, ParameterLine, Ranked, Verdict};
 use crate::identify::identifiability::{Scaled, deviations, undetermined};
 

@@ -2,7 +2,6 @@
 //!
 //! RT: no.
 
-use crate::diagnose::attribute::Context;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::laws::band_95;
 use crate::diagnose::likelihood::is_misfit;
@@ -11,6 +10,7 @@ use crate::diagnose::scan::{Curve, Over, state_curve, time_curve, vibration};
 use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
 use crate::diagnose::tangent::Tangent;
+use crate::diagnose::tried::Context;
 use crate::diagnose::verdict::{Law, Member, Missing, Place};
 use crate::identify::noise::{Colour, loss};
 use crate::model::effect::EffectKind;

@@ -43,6 +43,20 @@ mod tests {
     }
 
     #[test]
+    fn an_error_without_bound_is_null_in_json() {
+        let ran_away = Figure {
+            recording: "a.csv".into(),
+            use_: "fit".into(),
+            channel: "q1_rad".into(),
+            nrmse_given: f64::INFINITY,
+            nrmse_refitted: 0.5,
+            nrmse_explained: 0.1,
+        };
+        let json = serde_json::to_string(&ran_away).unwrap();
+        assert!(json.contains(r#""nrmse_given":null,"nrmse_refitted":0.5"#), "{json}");
+    }
+
+    #[test]
     fn json_carries_the_names_of_the_contract() {
         let json = serde_json::to_string(&entry(&["backlash"])).unwrap();
         assert!(json.starts_with(r#"{"one_of":[{"effect":"backlash","at":"q1","weight":1.0"#), "{json}");

@@ -1,0 +1,198 @@
+//! One round of the attribution: every candidate on top of what is known, screened, then the best fitted in full.
+//!
+//! Screened by one Gauss-Newton promise per start; the best and their lookalikes are fitted jointly with all base
+//! parameters from the base solution, and ranked under the noise that the best of them leaves.
+//! RT: no.
+
+use crate::diagnose::candidates::{Candidate, look_alike};
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::{blocks, white};
+use crate::diagnose::screen::{Column, Screen};
+use crate::diagnose::tried::{Context, Trial, with_effect, worth};
+use crate::identify::fit::{FreeRuns, Limits, Series};
+use crate::identify::noise::Colour;
+use crate::model::rig::{Scope, Slot};
+use rayon::prelude::*;
+
+/// Candidates that are fitted in full per round.
+const FITTED: usize = 5;
+
+/// Of those, how many are polished under the noise that the best one leaves.
+const POLISHED: usize = 4;
+
+/// How far candidates are fitted before the leaders go on, and again then.
+const COARSE: Limits = Limits { iterations: 4, tolerance: 3e-4 };
+
+/// Most candidates that go on.
+const LEADING: usize = 5;
+
+/// A candidate with less than this part of the leader's gain does not go on.
+const BEHIND: f64 = 0.2;
+
+/// A candidate, its best start and the fall of twice the log-likelihood that it promises.
+type Ranked<'c> = (&'c Candidate, Vec<f64>, f64);
+
+/// Gives each candidate its best start by the gain that one step promises; best candidates first.
+///
+/// Base parameters and initial states are followed along the base solution's own tangent: a start then costs one run
+/// with its few own directions instead of a full linearisation.
+fn screened<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour]) -> Vec<Ranked<'c>> {
+    let Some(screen) = Screen::new(&base.problem, &base.point, noise) else { return Vec::new() };
+    let plain: Option<Vec<Vec<Series>>> = (0..base.problem.windows())
+        .into_par_iter()
+        .map(|w| base.problem.run(w, &base.point.parameters, &base.point.states[w], false))
+        .collect();
+    let Some(plain) = plain else { return Vec::new() };
+    let starts: Vec<(&Candidate, &Vec<f64>)> =
+        library.iter().flat_map(|c| c.starts.iter().map(move |s| (c, s))).collect();
+    let gains: Vec<f64> = starts
+        .par_iter()
+        .map(|(candidate, start)| promised(base, &screen, &plain, candidate, start).unwrap_or(f64::NEG_INFINITY))
+        .collect();
+    let mut best: Vec<Ranked<'_>> = Vec::new();
+    for ((candidate, start), gain) in starts.into_iter().zip(gains) {
+        match best.iter_mut().find(|(c, ..)| std::ptr::eq(*c, candidate)) {
+            Some(entry) if gain > entry.2 => (entry.1, entry.2) = (start.clone(), gain),
+            Some(_) => {}
+            None => best.push((candidate, start.clone(), gain)),
+        }
+    }
+    best.retain(|b| b.2.is_finite());
+    best.sort_by(|a, b| b.2.total_cmp(&a.2));
+    best
+}
+
+/// Gain that `candidate` promises from `start`: the move that the start itself makes, and one step from there.
+fn promised(
+    base: &Hypothesis,
+    screen: &Screen,
+    plain: &[Vec<Series>],
+    candidate: &Candidate,
+    start: &[f64],
+) -> Option<f64> {
+    let (problem, point) = base.extended(with_effect(&base.rig, candidate, start));
+    let e = base.rig.effects.len();
+    let own = |slot: Slot| matches!(slot, Slot::Effect(Scope::Rig, i, _) if i == e);
+    // Where inner states differ, those of the base are directions once more, which the projection allows for.
+    let held = |w: usize| {
+        let (new, old) = (point.states[w].len(), base.point.states[w].len());
+        if new == old { new } else { 2 * problem.degrees() }
+    };
+    let runs: Vec<Vec<Series>> =
+        (0..problem.windows()).map(|w| problem.run_along(w, &point, own, held(w))).collect::<Option<_>>()?;
+    let of_problem = problem.bounds();
+    let mine = problem.theta.entries.iter().enumerate().filter(|(_, entry)| own(entry.slot));
+    let mut bounds: Vec<(f64, f64)> =
+        mine.map(|(i, _)| (of_problem[i].min - point.parameters[i], of_problem[i].max - point.parameters[i])).collect();
+    let mut columns: Vec<Column> = vec![moved(&runs, plain)];
+    columns.extend((0..bounds.len()).map(|j| slopes(&runs, j)));
+    columns.extend(inner_states(&runs, bounds.len()));
+    bounds.resize(columns.len() - 1, (f64::NEG_INFINITY, f64::INFINITY));
+    Some(screen.promise(&columns, &bounds))
+}
+
+/// One column per inner state and window: every window has its own.
+fn inner_states(runs: &[Vec<Series>], shared: usize) -> Vec<Column> {
+    let mut out = Vec::new();
+    for (w, run) in runs.iter().enumerate() {
+        for j in shared..run.first().map_or(0, |s| s.slopes.len()) {
+            let mut column: Column = vec![Vec::new(); runs.len()];
+            column[w] = run.iter().map(|s| s.slopes[j].clone()).collect();
+            out.push(column);
+        }
+    }
+    out
+}
+
+/// By how much the start moves the simulation.
+fn moved(runs: &[Vec<Series>], plain: &[Vec<Series>]) -> Column {
+    let one = |(a, b): (&Series, &Series)| a.residual.iter().zip(&b.residual).map(|(x, y)| x - y).collect();
+    runs.iter().zip(plain).map(|(a, b)| a.iter().zip(b).map(one).collect()).collect()
+}
+
+fn slopes(runs: &[Vec<Series>], j: usize) -> Column {
+    runs.iter().map(|window| window.iter().map(|s| s.slopes[j].clone()).collect()).collect()
+}
+
+/// The candidates worth a full fit: the best, and every lookalike of the best three at the same place or any.
+fn chosen<'c>(ranked: &[Ranked<'c>]) -> Vec<(&'c Candidate, Vec<f64>)> {
+    let leaders: Vec<&Candidate> = ranked.iter().take(3).map(|r| r.0).collect();
+    let wanted =
+        |(i, (c, ..)): &(usize, &Ranked<'_>)| *i < FITTED || leaders.iter().any(|l| look_alike(l.effect, c.effect));
+    ranked.iter().enumerate().filter(wanted).take(FITTED + 5).map(|(_, (c, s, _))| (*c, s.clone())).collect()
+}
+
+/// All candidates of one round on top of `base`, best first by what they gain.
+#[must_use]
+pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context, mut said: impl FnMut(&str)) -> Vec<Trial> {
+    let noise = white(&base.residuals, &context.floors);
+    let ranked = screened(base, library, &noise);
+    // Nothing promises two fifths of what would count: a healthy machine is not worth a dozen fits.
+    if ranked.first().is_none_or(|best| best.2 < 0.4 * worth(context, 1)) {
+        return Vec::new();
+    }
+    said("screened");
+    for (c, start, gain) in ranked.iter().take(8) {
+        said(&format!("   {:20} {:12} promises {gain:9.1} from {start:.4?}", c.effect, c.at));
+    }
+    let fitted = |(candidate, start): (&Candidate, Vec<f64>)| {
+        let (problem, point) = base.extended(with_effect(&base.rig, candidate, &start));
+        let hypothesis = Hypothesis::fitted(problem, point, &noise, &context.floors, COARSE)?;
+        Some(Trial { candidate: candidate.clone(), hypothesis, gain: 0.0 })
+    };
+    let mut trials: Vec<Trial> = chosen(&ranked).into_par_iter().filter_map(fitted).collect();
+    rank(base, &mut trials, context);
+    // The leaders go on; who is far behind after a few steps does not catch up.
+    let leading = trials.iter().take(LEADING).filter(|t| t.gain > BEHIND * trials[0].gain).count();
+    trials[..leading].par_iter_mut().for_each(|trial| {
+        let finer = trial.hypothesis.polished(&noise, &context.floors, COARSE);
+        if let Some(finer) = finer.filter(|f| f.likelihood > trial.hypothesis.likelihood) {
+            trial.hypothesis = finer;
+        }
+    });
+    said("fitted");
+    polish(base, &mut trials, context);
+    trials
+}
+
+/// Orders trials by their likelihood under the noise that the best of them leaves, and notes what each gains there.
+///
+/// The noise of a wrong model swallows the mismatch, so each model judged under its own noise would look much the same.
+/// Under the noise of the right one the others show what they leave; with nothing to find, that noise is as coloured
+/// as the data and nobody gains.
+fn rank(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
+    let plain = |t: &Trial| -> f64 {
+        blocks(&t.hypothesis.residuals, &white(&t.hypothesis.residuals, &context.floors)).iter().sum()
+    };
+    let Some(noise) = trials
+        .iter()
+        .map(|t| (plain(t), t))
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, t)| t.hypothesis.noise.clone())
+    else {
+        return;
+    };
+    let before: f64 = base.blocks(&noise).iter().sum();
+    for trial in &mut *trials {
+        trial.gain = trial.hypothesis.blocks(&noise).iter().sum::<f64>() - before;
+    }
+    trials.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+}
+
+/// Fits the leaders again under the noise that the best of them leaves, twice, as the leader may change.
+pub fn polish(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
+    let limits = Limits { iterations: 5, tolerance: 1e-4 };
+    for _ in 0..2 {
+        rank(base, trials, context);
+        let Some(noise) = trials.first().map(|t| t.hypothesis.noise.clone()) else { return };
+        let count = trials.iter().take(POLISHED).filter(|t| t.gain > 0.5 * trials[0].gain).count();
+        trials[..count].par_iter_mut().for_each(|trial| {
+            let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
+            let finer = trial.hypothesis.polished(&noise, &context.floors, limits);
+            if let Some(finer) = finer.filter(|f| total(f) >= total(&trial.hypothesis)) {
+                trial.hypothesis = finer;
+            }
+        });
+    }
+    rank(base, trials, context);
+}
