@@ -254,6 +254,12 @@ impl<S: Scalar> Machine<S> {
 
     /// The impulse at a foot: inelastic and without slip, or with restitution and within the friction cone
     /// (section 5 of the model notes, on the machine's whole mass matrix). Sets the contact that follows.
+    ///
+    /// A foot that rebounds with e keeps e² of its speed along the ground, where the notes let it stick. A contact that
+    /// gives back e is a spring with damping D that lasts half a period, e = exp(-πD/√(1-D²)); the same damping
+    /// takes the speed along the ground, without a spring, for the same time: exp(-2πD/√(1-D²)) = e² is left (own
+    /// derivation, test `a_rebound_...`). A walk of another simulator with e = .334 has 1.01 of its noise left at the
+    /// truth, 1.13 with sticking, which then fits e = .40.
     fn strike(&mut self, rows: &FootRows<S>) {
         let n = self.plant.n;
         let (wt, wn) = (self.work.kick(&rows.tangent, n), self.work.kick(&rows.normal, n));
@@ -272,7 +278,8 @@ impl<S: Scalar> Machine<S> {
             [product(&rows.tangent, &wt, n), product(&rows.tangent, &wn, n)],
             [product(&rows.normal, &wt, n), product(&rows.normal, &wn, n)],
         ];
-        let c = [-speed[0], wanted - speed[1]];
+        let glides = if bounces { e * e * speed[0] } else { S::zero() };
+        let c = [glides - speed[0], wanted - speed[1]];
         let det = d[0][0] * d[1][1] - d[0][1] * d[1][0];
         let mut impulse = [(d[1][1] * c[0] - d[0][1] * c[1]) / det, (d[0][0] * c[1] - d[1][0] * c[0]) / det];
         let mut slides = 0.0;
