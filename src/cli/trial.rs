@@ -13,11 +13,15 @@ use crate::diagnose::generator::Recipe;
 use crate::diagnose::score::Runner;
 use crate::diagnose::trial::{Key, TrialFolder, hex, key_of};
 
+/// How often the generator's progress is looked at.
+const LOOK: Duration = Duration::from_millis(200);
+
 /// Prove the diagnosis on concealed physics: draw, seal, diagnose, open, score.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  compass trial --cases 60 --seed 7 --out /tmp/trial
+  compass trial --cases 12 --seed 7 --out /tmp/trial           a few minutes
+  compass trial --cases 12 --seed 7 --out /tmp/trial --resume  after an interruption: the same truth, answers kept
   compass trial --write-only --healthy --cases 100 --seed 1 --out /tmp/healthy   (cases and open truth, for calibration)")]
 pub(crate) struct Args {
     /// Number of cases.
@@ -44,6 +48,10 @@ pub(crate) struct Args {
     /// Write cases and their truth in the open, diagnose nothing.
     #[arg(long)]
     write_only: bool,
+    /// Go on with an interrupted trial: the same arguments draw the same truth, and its hash must be the one published
+    /// then; answers that are there are kept.
+    #[arg(long, conflicts_with = "write_only")]
+    resume: bool,
     /// Stop a diagnosis after so many seconds.
     #[arg(long, default_value_t = 180)]
     limit_s: u64,
@@ -62,8 +70,13 @@ impl Run for Args {
             return self.generate(&trial, read_key()?);
         }
         let key = fresh_key()?;
-        self.spawn_generator(key)?;
+        // A truth that was published is never exchanged for another.
+        let before = if self.resume { Some(trial.published_hash().context("--resume: no trial here")?) } else { None };
+        self.spawn_generator(&trial, key)?;
         let published = trial.published_hash()?;
+        if let Some(before) = before.filter(|before| *before != published) {
+            bail!("--resume: other arguments or another version drew another truth (published then: {before})");
+        }
         if self.write_only {
             trial.open(key, &published)?;
             writeln!(std::io::stdout(), "{} cases in {}", self.cases, trial.cases().display())?;
@@ -76,7 +89,7 @@ impl Run for Args {
             answers: trial.answers(),
             jobs: self.jobs,
             limit: Duration::from_secs(self.limit_s),
-            reuse: false,
+            reuse: self.resume,
         };
         // All answers exist before the seal is opened.
         let ends = diagnose(&runner, &cases);
@@ -105,20 +118,26 @@ impl Args {
     }
 
     /// A process of its own draws the truth: this one learns it when the seal is opened.
-    fn spawn_generator(&self, key: Key) -> anyhow::Result<()> {
-        if self.out.exists() && self.out.read_dir()?.next().is_some() {
-            bail!("{}: not empty; a trial wants a folder of its own", self.out.display());
+    fn spawn_generator(&self, trial: &TrialFolder, key: Key) -> anyhow::Result<()> {
+        if !self.resume && self.out.exists() && self.out.read_dir()?.next().is_some() {
+            bail!("{}: not empty; a trial wants a folder of its own, or --resume", self.out.display());
         }
         self.recipe()?;
         let mut command = Command::new(std::env::current_exe().context("path of this program")?);
         command.args(["trial", "--generate", "--cases", &self.cases.to_string(), "--seed", &self.seed.to_string()]);
         command.args(["--seconds", &self.seconds.to_string(), "--out"]).arg(&self.out);
         command.args(self.healthy.then_some("--healthy")).args(self.ill.then_some("--ill"));
-        let spinner = progress::spinner("drawing and simulating the cases");
+        let bar = progress::bar(self.cases as u64, "drawing and simulating");
         let mut child = command.stdin(Stdio::piped()).spawn().context("starting the generator")?;
         child.stdin.take().context("the generator's input")?.write_all(hex(&key).as_bytes())?;
-        let status = child.wait()?;
-        spinner.finish_and_clear();
+        let status = loop {
+            match child.try_wait()? {
+                Some(status) => break status,
+                None => bar.set_position(if self.resume { 0 } else { trial.drawn() }),
+            }
+            std::thread::sleep(LOOK);
+        };
+        bar.finish_and_clear();
         if !status.success() {
             bail!("the generator ended with {status}");
         }

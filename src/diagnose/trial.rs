@@ -73,6 +73,11 @@ impl TrialFolder {
         self.0.join("cases")
     }
 
+    /// Cases that are drawn so far.
+    pub fn drawn(&self) -> u64 {
+        fs::read_dir(self.cases()).map_or(0, |entries| entries.count() as u64)
+    }
+
     /// Answers.
     pub fn answers(&self) -> PathBuf {
         self.0.join("answers")

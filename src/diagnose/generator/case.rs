@@ -1,11 +1,13 @@
 //! One case: a rig, programs, perhaps hidden effects at a drawn visibility, concealed at one of five levels. RT: no.
 
 use super::dice::{Dice, NoiseKind, noise};
-use super::effect::{self, Effect, OUTSIDE};
-use super::experiment::{Physics, ROW_S, Recording, record};
+use super::draw;
+use super::effect::{Effect, OUTSIDE};
+use super::experiment::{COARSE, Physics, ROW_S, Recording, record};
 use super::program::{self, Program};
 use super::refit::{detectability, refit};
 use super::rig::{self, Kind, Rig};
+use super::twins;
 
 /// Two recordings are fitted, one is held out.
 const RECORDINGS: usize = 3;
@@ -13,8 +15,8 @@ const RECORDINGS: usize = 3;
 const TRIES: usize = 6;
 /// Visibility of hidden effects, in squared noise deviations that a re-fit leaves: log-evenly between these.
 const VISIBILITY: [f64; 2] = [4e3, 4e5];
-/// An alternative that leaves less than this cannot be told apart: five standard deviations.
-const SAME: f64 = 25.0;
+/// Beside a second effect each must leave this much by itself: less is below what coloured noise can imitate.
+const FAINT: f64 = 1e3;
 
 /// How an effect is concealed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,7 +93,16 @@ pub struct Recipe {
 /// Draws one case.
 pub(super) fn draw(dice: &mut Dice, recipe: Recipe) -> Case {
     let healthy = recipe.healthy.unwrap_or_else(|| dice.chance(1.0 / 3.0));
-    let kinds = [Kind::Pendulum, Kind::Pendulum, Kind::Rotor, Kind::Slider, Kind::Double, Kind::Biped];
+    let kinds = [
+        Kind::Pendulum,
+        Kind::Pendulum,
+        Kind::Rotor,
+        Kind::Slider,
+        Kind::Double,
+        Kind::Biped,
+        Kind::Walker,
+        Kind::Walker,
+    ];
     loop {
         let kind = *dice.pick(&kinds);
         let rig = rig::draw(dice, kind);
@@ -106,47 +117,104 @@ pub(super) fn draw(dice: &mut Dice, recipe: Recipe) -> Case {
 }
 
 /// A rig and how it is excited.
-struct Lab {
-    rig: Rig,
-    programs: Vec<Vec<Program>>,
-    rows: usize,
+pub(super) struct Lab {
+    /// Rig.
+    pub rig: Rig,
+    /// Per recording and joint.
+    pub programs: Vec<Vec<Program>>,
+    /// Rows per recording.
+    pub rows: usize,
 }
 
 impl Lab {
-    fn physics(&self, effects: &[Effect]) -> Physics {
-        Physics { rig: self.rig.clone(), effects: effects.to_vec() }
+    /// The rig with these effects.
+    pub(super) fn physics(&self, effects: &[Effect]) -> Physics {
+        Physics { rig: self.rig.clone(), effects: effects.to_vec(), coarse: 1.0 }
     }
 
-    fn record(&self, effects: &[Effect]) -> Vec<Recording> {
-        let physics = self.physics(effects);
-        let one = |(i, programs): (usize, &Vec<Program>)| record(&physics, programs, i, i + 1 == RECORDINGS, self.rows);
+    /// The same for estimates.
+    pub(super) fn rough(&self, effects: &[Effect]) -> Physics {
+        Physics { coarse: COARSE, ..self.physics(effects) }
+    }
+
+    fn record(&self, physics: &Physics) -> Vec<Recording> {
+        let one = |(i, programs): (usize, &Vec<Program>)| record(physics, programs, i, i + 1 == RECORDINGS, self.rows);
         self.programs.iter().enumerate().map(one).collect()
     }
 
     /// Squared noise deviations that re-fitting the healthy base leaves of these effects.
-    fn visibility(&self, effects: &[Effect]) -> f64 {
-        let recordings = self.record(effects);
-        let fit: Vec<&Recording> = recordings.iter().filter(|r| !r.heldout).collect();
+    pub(super) fn visibility(&self, effects: &[Effect]) -> f64 {
+        self.left_by(&[], effects)
+    }
+
+    /// What re-fitting the base with `known` leaves of `effects`.
+    pub(super) fn left_by(&self, known: &[Effect], effects: &[Effect]) -> f64 {
+        let recordings = self.roughly_fitted(effects);
+        let fit: Vec<&Recording> = recordings.iter().collect();
         let signals: Vec<&[Vec<f64>]> = fit.iter().map(|r| r.clean.as_slice()).collect();
-        detectability(&self.physics(&[]), &fit, &signals)
+        detectability(&self.rough(known), &fit, &signals)
+    }
+
+    /// The recordings that are fitted, for estimates.
+    pub(super) fn roughly_fitted(&self, effects: &[Effect]) -> Vec<Recording> {
+        let physics = self.rough(effects);
+        let fitted = self.programs.iter().enumerate().take(RECORDINGS - 1);
+        fitted.map(|(i, programs)| record(&physics, programs, i, false, self.rows)).collect()
+    }
+
+    /// `effect` at a strength whose visibility is within a factor 1.6 of what is wanted. Visibility grows about with the
+    /// square of the strength; where it does not (a limit that is never reached, a foot that never slides), halving
+    /// between too weak and too strong finds it.
+    pub(super) fn about_as_visible(&self, effect: &Effect, wanted: f64) -> Option<Effect> {
+        let (mut factor, mut weak, mut strong) = (1.0_f64, None, None);
+        for _ in 0..8 {
+            let scaled = effect.stronger(factor);
+            let seen = self.visibility(std::slice::from_ref(&scaled));
+            if seen.is_finite() && (wanted / 1.6..wanted * 1.6).contains(&seen) {
+                return Some(scaled);
+            }
+            let ratio = if seen.is_finite() { wanted / seen.max(1.0) } else { 1e-2 };
+            *(if ratio > 1.0 { &mut weak } else { &mut strong }) = Some(factor);
+            let guess = factor * libm::sqrt(ratio).clamp(0.2, 5.0);
+            factor = match (weak, strong) {
+                (Some(low), Some(high)) if !(low..high).contains(&guess) => libm::sqrt(low * high),
+                _ => guess,
+            };
+            if !(1e-3..1e3).contains(&factor) {
+                return None;
+            }
+        }
+        None
+    }
+
+    /// Steps at least once in a second and a half to the end, legs apart at every change.
+    fn is_walk(&self, recording: &Recording) -> bool {
+        if self.rig.kind != Kind::Walker {
+            return true;
+        }
+        let stance = &recording.stance;
+        let changes = (1..stance.len()).filter(|k| stance[*k] != stance[k - 1]);
+        let marks: Vec<usize> = [0].into_iter().chain(changes).chain([stance.len()]).collect();
+        marks.windows(2).all(|pair| (pair[1] - pair[0]) as f64 * ROW_S < 1.5)
+            && marks.windows(2).rev().skip(1).all(|pair| (pair[1] - pair[0]) as f64 * ROW_S > 0.2)
     }
 
     /// Is the motion of a kind that a laboratory would keep: finite, moving, not spinning away?
     fn is_sane(&self, recordings: &[Recording]) -> bool {
-        let scale = effect::scales(&self.rig);
+        let scale = draw::scales(&self.rig);
         let moves = |recording: &Recording| {
             let signal = &recording.clean[0];
             let mean = signal.iter().sum::<f64>() / signal.len() as f64;
             let spread = signal.iter().map(|x| (x - mean).abs()).fold(0.0, f64::max);
             spread.is_finite() && spread > 0.05 * scale.angle && spread < 12.0 * scale.angle
         };
-        recordings.iter().all(moves)
+        recordings.iter().all(|recording| moves(recording) && self.is_walk(recording))
     }
 }
 
 /// Draws the effects of a case at their visibility; `None` if this rig and programs cannot show any.
 fn hide(dice: &mut Dice, lab: &Lab, level: Level, healthy: bool) -> Option<Vec<Effect>> {
-    if !lab.is_sane(&lab.record(&[])) {
+    if !lab.is_sane(&lab.record(&lab.rough(&[]))) {
         return None;
     }
     if healthy {
@@ -157,21 +225,25 @@ fn hide(dice: &mut Dice, lab: &Lab, level: Level, healthy: bool) -> Option<Vec<E
     if level == Level::Crowded && dice.chance(0.5) {
         let first = effects[0].id;
         effects.push(visible(dice, lab, false, Some(first))?);
+        let alone = |i: usize| lab.left_by(&effects[1 - i..2 - i], &effects);
+        if (0..2).any(|i| alone(i).is_nan() || alone(i) < FAINT) {
+            return None;
+        }
     }
-    lab.is_sane(&lab.record(&effects)).then_some(effects)
+    lab.is_sane(&lab.record(&lab.rough(&effects))).then_some(effects)
 }
 
 fn visible(dice: &mut Dice, lab: &Lab, outside: bool, not: Option<&str>) -> Option<Effect> {
     let wanted = dice.log_between(VISIBILITY[0], VISIBILITY[1]);
     let duration_s = lab.rows as f64 * ROW_S;
     for _ in 0..TRIES {
-        let of = if outside { outside_of(&lab.rig) } else { effect::candidates(&lab.rig) };
+        let of = if outside { outside_of(&lab.rig) } else { draw::candidates(&lab.rig) };
         let id = *dice.pick(&of);
         if not == Some(id) {
             continue;
         }
-        let effect = effect::draw(dice, &lab.rig, id, duration_s);
-        if let Some(effect) = at_visibility(lab, &effect, wanted) {
+        let effect = draw::draw(dice, &lab.rig, id, duration_s);
+        if let Some(effect) = lab.about_as_visible(&effect, wanted).filter(|e| e.is_plausible(&lab.rig)) {
             return Some(effect);
         }
     }
@@ -179,75 +251,15 @@ fn visible(dice: &mut Dice, lab: &Lab, outside: bool, not: Option<&str>) -> Opti
 }
 
 fn outside_of(rig: &Rig) -> Vec<&'static str> {
+    if rig.kind == Kind::Walker {
+        return vec!["magnet_detent"];
+    }
     // A shaken base moves nothing that has no weight on an arm.
     OUTSIDE.into_iter().filter(|id| rig.kind != Kind::Rotor || *id != "base_vibration").collect()
 }
 
-/// Scales an effect until its visibility is within a factor 1.6 of what is wanted; visibility grows about with the
-/// square of the strength.
-fn at_visibility(lab: &Lab, effect: &Effect, wanted: f64) -> Option<Effect> {
-    let mut factor = 1.0;
-    for _ in 0..5 {
-        let scaled = effect.stronger(factor);
-        let seen = lab.visibility(std::slice::from_ref(&scaled));
-        if seen.is_finite() && (wanted / 1.6..wanted * 1.6).contains(&seen) {
-            return Some(scaled).filter(|effect| effect.is_plausible(&lab.rig));
-        }
-        let miss = if seen.is_finite() { wanted / seen.max(1.0) } else { 1e-2 };
-        factor *= libm::sqrt(miss).clamp(0.1, 10.0);
-        if !(1e-3..1e3).contains(&factor) {
-            return None;
-        }
-    }
-    None
-}
-
-/// Twins by construction, and effects that may look the same in one set of recordings.
-fn lookalikes(id: &str) -> &'static [&'static str] {
-    match id {
-        "transport_delay" => &["actuator_lag"],
-        "actuator_lag" => &["transport_delay"],
-        "sensor_lag" => &["sensor_delay"],
-        "sensor_delay" => &["sensor_lag"],
-        "stribeck_friction" => &["quadratic_drag", "load_friction"],
-        "quadratic_drag" | "load_friction" => &["stribeck_friction"],
-        "parallel_spring" => &["torque_offset"],
-        "backlash" => &["joint_elasticity"],
-        _ => &[],
-    }
-}
-
-/// The effect itself and what is exactly the same in every recording (contract section 3).
-fn exact_twins(lab: &Lab, truth: &Effect) -> Vec<(String, String)> {
-    let mut accepted = vec![(truth.id.to_owned(), truth.at.clone())];
-    match truth.id {
-        "torque_offset" => accepted.push(("friction_asymmetry".to_owned(), truth.at.clone())),
-        "friction_asymmetry" => accepted.push(("torque_offset".to_owned(), truth.at.clone())),
-        "transport_delay" if lab.rig.sensors.len() == 1 => {
-            accepted.push(("sensor_delay".to_owned(), lab.rig.sensors[0].column.to_owned()));
-        }
-        _ => {}
-    }
-    accepted
-}
-
-/// The answers that are right: beside exact twins, what fits these recordings to within the noise.
-fn answers(lab: &Lab, truth: &Effect, fit: &[&Recording]) -> Vec<(String, String)> {
-    let mut accepted = exact_twins(lab, truth);
-    let recorded: Vec<&[Vec<f64>]> = fit.iter().map(|r| r.clean.as_slice()).collect();
-    for id in lookalikes(truth.id) {
-        let duration_s = lab.rows as f64 * ROW_S;
-        let mut other = effect::draw(&mut Dice::new(0, 0), &lab.rig, id, duration_s);
-        (other.index, other.at) = (truth.index, truth.at.clone());
-        if refit(&lab.physics(&[other]), fit, &recorded, true).chi2 < SAME {
-            accepted.push(((*id).to_owned(), truth.at.clone()));
-        }
-    }
-    accepted
-}
-
 fn finish(dice: &mut Dice, lab: &Lab, level: Level, effects: Vec<Effect>) -> Case {
-    let recordings = lab.record(&effects);
+    let recordings = lab.record(&lab.physics(&effects));
     let nuisance = match (level, effects.len()) {
         (Level::Crowded, 1) if dice.chance(0.5) => Nuisance { outliers: 0.004, dropouts: 0.0 },
         (Level::Crowded, 1) => Nuisance { outliers: 0.0, dropouts: 0.02 },
@@ -259,13 +271,18 @@ fn finish(dice: &mut Dice, lab: &Lab, level: Level, effects: Vec<Effect>) -> Cas
     let signals: Vec<&[Vec<f64>]> =
         recordings.iter().zip(&noisy).filter(|(r, _)| !r.heldout).map(|(_, s)| s.as_slice()).collect();
     let base = lab.physics(&[]);
-    let refitted = if effects.is_empty() { base.clone() } else { refit(&base, &fit, &signals, true).physics };
+    // The fit's own step is not seen beside what it cannot explain.
+    let refitted = if effects.is_empty() {
+        base.clone()
+    } else {
+        Physics { coarse: 1.0, ..refit(&lab.rough(&[]), &fit, &signals, true).physics }
+    };
     let published = match level {
         Level::True => lab.rig.clone(),
         Level::Off => off(dice, &lab.rig),
         Level::Refitted | Level::Gentle | Level::Crowded => refitted.rig.clone(),
     };
-    let accepted = effects.iter().map(|e| answers_or_unlisted(lab, e, &fit, effects.len())).collect();
+    let accepted = effects.iter().map(|e| answers_or_unlisted(lab, e, effects.len())).collect();
     let visibility = if effects.is_empty() { 0.0 } else { lab.visibility(&effects) };
     let heldout = recoverable(&refitted, &recordings, &noisy);
     let readings = noisy.iter().map(|signals| spoil(dice, &lab.rig, signals, nuisance)).collect();
@@ -273,14 +290,14 @@ fn finish(dice: &mut Dice, lab: &Lab, level: Level, effects: Vec<Effect>) -> Cas
     Case { physics, published, level, recordings, readings, accepted, visibility, heldout, noise: kind, nuisance }
 }
 
-fn answers_or_unlisted(lab: &Lab, effect: &Effect, fit: &[&Recording], count: usize) -> Vec<(String, String)> {
+fn answers_or_unlisted(lab: &Lab, effect: &Effect, count: usize) -> Vec<(String, String)> {
     if effect.is_outside() {
         Vec::new()
     } else if count > 1 {
         // Beside a second effect an alternative would have to be compared with both in place; only exact twins count.
-        exact_twins(lab, effect)
+        twins::exact(lab, effect)
     } else {
-        answers(lab, effect, fit)
+        twins::answers(lab, effect)
     }
 }
 

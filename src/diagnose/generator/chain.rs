@@ -48,6 +48,23 @@ pub(super) fn equations(bodies: &[Body], q: Pair, v: Pair, gravity_m_s2: f64, ba
     sum
 }
 
+/// Mass matrix and bias with the first arm's foot as two more coordinates, x and y; `gravity_m_s2` is a vector.
+pub(super) fn floating(bodies: &[Body], q: Pair, v: Pair, gravity_m_s2: Pair) -> ([[f64; 4]; 4], [f64; 4]) {
+    let (mut mass, mut force) = ([[0.0; 4]; 4], [0.0; 4]);
+    for body in bodies {
+        let (jx, jy, bias) = centre(body, q, v);
+        let (jx, jy) = ([jx[0], jx[1], 1.0, 0.0], [jy[0], jy[1], 0.0, 1.0]);
+        let turn = [body.turn[0], body.turn[1], 0.0, 0.0];
+        for i in 0..4 {
+            for j in 0..4 {
+                mass[i][j] += body.mass * (jx[i] * jx[j] + jy[i] * jy[j]) + body.inertia * turn[i] * turn[j];
+            }
+            force[i] += body.mass * (jx[i] * (bias[0] - gravity_m_s2[0]) + jy[i] * (bias[1] - gravity_m_s2[1]));
+        }
+    }
+    (mass, force)
+}
+
 /// Rows of the centre's Jacobian and its acceleration at q̈ = 0.
 fn centre(body: &Body, q: Pair, v: Pair) -> (Pair, Pair, Pair) {
     let (mut jx, mut jy, mut bias) = ([0.0; 2], [0.0; 2], [0.0; 2]);

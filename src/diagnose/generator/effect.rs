@@ -1,9 +1,10 @@
-//! What is hidden: how an effect of the contract, or one outside it, acts in the generator's own machine. RT: no.
+//! What is hidden: how an effect of the contract, or one outside it, acts in the generator's own machine. What is drawn
+//! stands in `draw`. RT: no.
 
 use std::collections::BTreeMap;
 
-use super::dice::Dice;
-use super::machine::Machine;
+use super::draw::scales;
+use super::machine::{Machine, Mode};
 use super::rig::{Kind, Rig};
 
 /// One hidden effect.
@@ -13,7 +14,7 @@ pub(super) struct Effect {
     pub id: &'static str,
     /// Place.
     pub at: String,
-    /// Joint or sensor it acts on.
+    /// Joint or sensor it acts on; the leg of a leg's own effect; [`NONE`] at the ground.
     pub index: usize,
     /// True values.
     pub values: BTreeMap<&'static str, f64>,
@@ -44,166 +45,11 @@ pub(super) struct Reading {
     pub skew: f64,
 }
 
+/// Index of an effect that acts at no joint and no sensor.
+pub(super) const NONE: usize = usize::MAX;
+
 /// Families outside the library.
 pub(super) const OUTSIDE: [&str; 3] = ["magnet_detent", "base_vibration", "payload_step"];
-
-/// Effects that make sense on a machine and are not in its base already.
-pub(super) fn candidates(rig: &Rig) -> Vec<&'static str> {
-    let mut of = vec![
-        "quadratic_drag",
-        "torque_offset",
-        "torque_limit",
-        "actuator_lag",
-        "transport_delay",
-        "sensor_lag",
-        "lost_counts",
-        "clock_skew",
-        "external_push",
-        "sensor_drift",
-    ];
-    let has_friction = rig.values.keys().any(|name| name.starts_with("coulomb"));
-    of.extend(if has_friction {
-        &["stribeck_friction", "presliding", "friction_asymmetry", "friction_drift"][..]
-    } else {
-        &["coulomb_friction"][..]
-    });
-    if rig.sensors.len() > 1 {
-        of.extend(["sensor_delay", "sensor_scale"]);
-    }
-    match rig.kind {
-        Kind::Pendulum => of.extend(["joint_elasticity", "backlash", "torque_ripple", "load_friction", "sensor_bias"]),
-        Kind::Rotor => of.extend(["joint_elasticity", "torque_ripple", "encoder_eccentricity", "parallel_spring"]),
-        Kind::Slider => of.extend(["parallel_spring"]),
-        Kind::Double => of.extend(["sensor_bias", "load_friction"]),
-        Kind::Biped => of.extend(["joint_elasticity", "sensor_bias"]),
-    }
-    of
-}
-
-/// Scales of a rig that starting magnitudes are made from.
-pub(super) struct Scales {
-    /// kg m² or kg.
-    pub inertia: f64,
-    /// Nm or N.
-    pub torque: f64,
-    /// rad or m.
-    pub angle: f64,
-    /// rad/s or m/s.
-    pub rate: f64,
-}
-
-/// The scales of a rig.
-pub(super) fn scales(rig: &Rig) -> Scales {
-    let value = |name: &str| rig.values.get(name).copied().unwrap_or(0.0);
-    match rig.kind {
-        Kind::Pendulum | Kind::Rotor => {
-            let inertia = value("inertia_kg_m2");
-            Scales { inertia, torque: 30.0 * inertia, angle: 0.6, rate: 4.0 }
-        }
-        Kind::Slider => Scales { inertia: value("mass_kg"), torque: 3.0 * value("mass_kg"), angle: 0.15, rate: 0.5 },
-        Kind::Double => Scales { inertia: value("inertia1_kg_m2"), torque: 1.0, angle: 0.6, rate: 3.0 },
-        Kind::Biped => Scales { inertia: 1.5, torque: 8.0, angle: 0.3, rate: 1.5 },
-    }
-}
-
-/// Draws one effect of this id, at a magnitude that the detectability then corrects.
-pub(super) fn draw(dice: &mut Dice, rig: &Rig, id: &'static str, duration_s: f64) -> Effect {
-    let s = scales(rig);
-    let on_sensor = matches!(
-        id,
-        "sensor_lag"
-            | "sensor_delay"
-            | "sensor_bias"
-            | "sensor_drift"
-            | "lost_counts"
-            | "clock_skew"
-            | "sensor_scale"
-            | "encoder_eccentricity"
-    );
-    let index = place(dice, rig, id, on_sensor);
-    let at = match id {
-        _ if on_sensor => rig.sensors[index].column,
-        "torque_limit" | "actuator_lag" | "transport_delay" => rig.joints[index].1,
-        _ => rig.joints[index].0,
-    };
-    let moment = dice.between(0.3, 0.7) * duration_s;
-    let phase = dice.between(-3.0, 3.0);
-    let (leading, values): (&'static str, Vec<(&'static str, f64)>) = match id {
-        "coulomb_friction" => ("coulomb", vec![("coulomb", 0.05 * s.torque)]),
-        "friction_asymmetry" => ("difference", vec![("difference", dice.sign() * 0.02 * s.torque)]),
-        "stribeck_friction" => {
-            ("extra", vec![("extra", 0.05 * s.torque), ("velocity", dice.between(0.05, 0.2) * s.rate)])
-        }
-        "load_friction" => ("coefficient", vec![("coefficient", 0.03)]),
-        "quadratic_drag" => ("quadratic", vec![("quadratic", 0.03 * s.torque / (s.rate * s.rate))]),
-        "presliding" => ("stiffness", vec![("stiffness", 1.5 * s.torque / s.angle)]),
-        "parallel_spring" => {
-            ("stiffness", vec![("stiffness", 0.05 * s.torque / s.angle), ("rest", dice.between(-0.5, 0.5) * s.angle)])
-        }
-        "torque_offset" => ("torque", vec![("torque", dice.sign() * 0.05 * s.torque)]),
-        "torque_ripple" => {
-            let order = *dice.pick(&[6.0, 7.0, 12.0, 14.0]);
-            ("amplitude", vec![("amplitude", 0.05 * s.torque), ("order", order), ("phase", phase)])
-        }
-        "joint_elasticity" => ("stiffness", elasticity(dice, rig, &s)),
-        "backlash" => ("gap", vec![("gap", 0.01), ("rotor_inertia", dice.between(0.1, 0.4) * s.inertia)]),
-        "external_push" => ("impulse", vec![("impulse", dice.sign() * 0.1 * s.inertia * s.rate), ("time", moment)]),
-        "torque_limit" => ("limit", vec![("limit", 0.4 * s.torque)]),
-        "friction_drift" => ("rate", vec![("rate", dice.sign() * 0.5 / duration_s)]),
-        "sensor_delay" => ("delay", vec![("delay", 0.006)]),
-        "actuator_lag" => ("time_constant", vec![("time_constant", 0.01)]),
-        "transport_delay" => ("delay", vec![("delay", 0.006)]),
-        "sensor_lag" => ("time_constant", vec![("time_constant", 0.01)]),
-        "sensor_bias" => ("bias", vec![("bias", dice.sign() * 0.05 * s.angle)]),
-        "sensor_drift" => ("rate", vec![("rate", dice.sign() * 0.05 * reach(rig, index, &s) / duration_s)]),
-        "lost_counts" => ("step", vec![("step", dice.sign() * 0.05 * reach(rig, index, &s)), ("time", moment)]),
-        "clock_skew" => ("skew", vec![("skew", dice.sign() * 0.004)]),
-        // Stored as factor - 1, so that it can be made stronger.
-        "sensor_scale" => ("scale", vec![("scale", dice.sign() * 0.02)]),
-        "encoder_eccentricity" => ("amplitude", vec![("amplitude", 0.005), ("phase", phase)]),
-        "magnet_detent" => {
-            let centre = dice.between(-0.3, 0.3) * s.angle;
-            (
-                "depth",
-                vec![("depth", 0.1 * s.torque), ("centre", centre), ("width", dice.between(0.06, 0.12) * s.angle)],
-            )
-        }
-        "base_vibration" => {
-            ("acceleration", vec![("acceleration", 0.3), ("hz", dice.between(2.0, 5.0)), ("phase", phase)])
-        }
-        _ => ("fraction", vec![("fraction", 0.1), ("time", moment)]),
-    };
-    let once = matches!(id, "external_push" | "lost_counts" | "payload_step");
-    Effect { id, at: at.to_owned(), index, values: values.into_iter().collect(), leading, once }
-}
-
-/// Joint or sensor; where the sensors of a rig differ in kind, the position sensors (a rate has no turn to be off by).
-fn place(dice: &mut Dice, rig: &Rig, id: &str, on_sensor: bool) -> usize {
-    let angles: Vec<usize> = (0..rig.sensors.len()).filter(|i| !rig.sensors[*i].is_rate).collect();
-    match id {
-        "joint_elasticity" | "backlash" | "magnet_detent" | "payload_step" | "base_vibration" => 0,
-        "sensor_bias" | "lost_counts" | "encoder_eccentricity" | "clock_skew" => *dice.pick(&angles),
-        _ if on_sensor => *dice.pick(&(0..rig.sensors.len()).collect::<Vec<_>>()),
-        _ => *dice.pick(&(0..rig.joints.len()).collect::<Vec<_>>()),
-    }
-}
-
-/// How far the reading of a sensor swings.
-fn reach(rig: &Rig, sensor: usize, s: &Scales) -> f64 {
-    if rig.sensors[sensor].is_rate { s.rate } else { s.angle }
-}
-
-/// Two masses with a resonance between 8 and 25 Hz, a few per cent damped.
-fn elasticity(dice: &mut Dice, rig: &Rig, s: &Scales) -> Vec<(&'static str, f64)> {
-    // The biped's hip turns mostly the swing leg: its inertia about the hip.
-    let total = if rig.kind == Kind::Biped { 0.12 * 16.6 } else { s.inertia };
-    let rotor = if rig.kind == Kind::Biped { dice.between(0.06, 0.1) } else { dice.between(0.1, 0.3) * total };
-    let reduced = rotor * (total - rotor) / total;
-    let omega = std::f64::consts::TAU * dice.log_between(8.0, 25.0);
-    let stiffness = omega * omega * reduced;
-    let damping = 2.0 * dice.between(0.01, 0.05) * omega * reduced;
-    vec![("stiffness", stiffness), ("damping", damping), ("rotor_inertia", rotor)]
-}
 
 impl Effect {
     fn get(&self, key: &str) -> f64 {
@@ -215,10 +61,22 @@ impl Effect {
         OUTSIDE.contains(&self.id)
     }
 
+    /// The same in the other sense, where it has one.
+    pub(super) fn turned(&self) -> Option<Self> {
+        let signed = matches!(
+            self.id,
+            "torque_offset" | "friction_asymmetry" | "sensor_bias" | "ground_slope" | "counterweight" | "sensor_drift"
+        );
+        let mut other = self.clone();
+        *other.values.get_mut(self.leading)? *= -1.0;
+        signed.then_some(other)
+    }
+
     /// Stronger by this factor. Springs, limits and bristles hide more the stiffer they are.
     pub(super) fn stronger(&self, factor: f64) -> Self {
         let mut other = self.clone();
-        let inverse = matches!(self.id, "joint_elasticity" | "torque_limit" | "presliding");
+        let inverse =
+            matches!(self.id, "joint_elasticity" | "torque_limit" | "presliding" | "foot_slip" | "toe_compliance");
         if let Some(value) = other.values.get_mut(self.leading) {
             *value *= if inverse { 1.0 / factor } else { factor };
         }
@@ -238,7 +96,7 @@ impl Effect {
             "stribeck_friction" => value < 4.0 * friction,
             "coulomb_friction" | "torque_offset" => value < 0.4 * s.torque,
             "load_friction" | "payload_step" => value < 0.4,
-            "parallel_spring" => value < s.torque / s.angle,
+            "parallel_spring" => value < s.torque / s.angle || rig.kind == Kind::Biped,
             "backlash" | "encoder_eccentricity" => value < 0.15 * s.angle,
             "torque_limit" => value > 0.05 * s.torque,
             "friction_drift" => value < 0.3,
@@ -246,6 +104,14 @@ impl Effect {
             "clock_skew" => value < 0.05,
             "sensor_scale" => value < 0.3,
             "base_vibration" => value < 5.0,
+            "link_flexibility" => (0.01..0.5).contains(&value),
+            "foot_slip" => (0.03..1.0).contains(&value),
+            "elastic_impact" => value < 0.6,
+            // The foot sinks in by less than a centimetre and a half under the standing robot.
+            "toe_compliance" => value > 1e4,
+            "ground_slope" => value < 0.06,
+            "counterweight" => value < 50.0,
+            "round_foot" => value < 0.25,
             _ => true,
         }
     }
@@ -260,6 +126,15 @@ impl Effect {
         match self.id {
             "base_vibration" => machine.shaken = [self.get("acceleration"), self.get("hz"), self.get("phase")],
             "payload_step" => machine.payload = [self.get("fraction"), self.get("time")],
+            "link_flexibility" => self.bend(machine),
+            "counterweight" | "foot_slip" | "elastic_impact" | "toe_compliance" | "ground_slope" | "round_foot" => {
+                self.apply_to_ground(machine);
+            }
+            // A spring between a leg and the ground: the biped's joint is its hip.
+            "parallel_spring" if self.is_at_leg() => {
+                machine.setup_springs.push((self.index, self.get("stiffness"), self.get("rest")));
+                return;
+            }
             _ => {}
         }
         let stiff = self.rotor() * 900.0 * 900.0;
@@ -290,6 +165,42 @@ impl Effect {
             "transport_delay" => joint.delay_s = self.get("delay"),
             "magnet_detent" => joint.detent = [self.get("depth"), self.get("centre"), self.get("width")],
             _ => {}
+        }
+    }
+
+    fn is_at_leg(&self) -> bool {
+        matches!(self.at.as_str(), "inner" | "outer")
+    }
+
+    /// A share of the link hangs on a spring of its own.
+    fn bend(&self, machine: &mut Machine) {
+        let inertia = self.get("participation") * self.get("whole");
+        let omega = std::f64::consts::TAU * self.get("frequency");
+        let along = match (self.index, self.at.as_str()) {
+            (0, _) => [1.0, 0.0],
+            // Link 2 turns by the sum of both angles, a leg by its own.
+            (_, "q2") => [1.0, 1.0],
+            _ => [0.0, 1.0],
+        };
+        let damping = 2.0 * self.get("damping") * omega * inertia;
+        machine.mode = Mode { along, inertia, stiffness: inertia * omega * omega, damping };
+    }
+
+    fn apply_to_ground(&self, machine: &mut Machine) {
+        let Some(ground) = machine.ground.as_mut() else {
+            // Only the counterweight acts on a pinned robot.
+            if let Some((_, moment)) = machine.lifted.as_mut() {
+                *moment += self.get("force") * self.get("lever");
+            }
+            return;
+        };
+        match self.id {
+            "counterweight" => ground.lifted_n = self.get("force"),
+            "foot_slip" => ground.friction = self.get("friction"),
+            "elastic_impact" => ground.restitution = self.get("restitution"),
+            "toe_compliance" => ground.spring = [self.get("stiffness"), self.get("damping")],
+            "ground_slope" => ground.slope = self.get("slope"),
+            _ => ground.radius_m = self.get("radius"),
         }
     }
 

@@ -11,6 +11,10 @@ use super::rig::{Rig, Sensor};
 /// Time between rows, s.
 pub(super) const ROW_S: f64 = 0.0025;
 
+/// Longer steps for what is asked of hundreds of runs: how visible an effect is, and what looks like it. Recordings are
+/// compared with runs of the same step, so that the step itself is not seen.
+pub(super) const COARSE: f64 = 5.0;
+
 /// Values and effects together: a complete description of the physics.
 #[derive(Debug, Clone)]
 pub(super) struct Physics {
@@ -18,6 +22,8 @@ pub(super) struct Physics {
     pub rig: Rig,
     /// What acts beyond it.
     pub effects: Vec<Effect>,
+    /// Factor of the step: 1, or [`COARSE`] for an estimate.
+    pub coarse: f64,
 }
 
 impl Physics {
@@ -25,6 +31,7 @@ impl Physics {
     fn machine(&self, recording: usize) -> Machine {
         let rotor = self.effects.iter().map(Effect::rotor).sum();
         let mut machine = self.rig.machine(rotor);
+        machine.coarse = self.coarse;
         for effect in self.acting(recording) {
             effect.apply(&mut machine);
         }
@@ -63,6 +70,8 @@ pub(super) struct Recording {
     pub starts: Vec<State>,
     /// Rows where a torque limit acted.
     pub limited: Vec<bool>,
+    /// Standing leg of each row: 0 inner, 1 outer; empty if the machine does not walk.
+    pub stance: Vec<usize>,
 }
 
 /// What a run leaves behind.
@@ -94,17 +103,33 @@ fn motor(machine: &Machine, commands: &[Pair], t: f64) -> Pair {
 /// Runs over `rows`; `command` may add the command of a row from the state there.
 fn run(
     machine: &Machine,
+    state: State,
+    rows: Range<usize>,
+    commands: &mut Vec<Pair>,
+    command: impl Fn(f64, &State) -> Pair,
+) -> Trail {
+    run_told(machine, state, rows, commands, &[], command)
+}
+
+/// The same; a walking machine follows the legs that a recording tells, if it tells any.
+fn run_told(
+    machine: &Machine,
     mut state: State,
     rows: Range<usize>,
     commands: &mut Vec<Pair>,
+    stance: &[usize],
     command: impl Fn(f64, &State) -> Pair,
 ) -> Trail {
     let h = machine.step_s();
     let per_row = row_before(ROW_S * ROW_S / h);
     let mut trail =
         Trail { fine: Vec::with_capacity(rows.len() * per_row), states: Vec::with_capacity(rows.len()), per_row };
+    let mut change = next_change(stance, rows.start);
     for row in rows {
         let start_s = row as f64 * ROW_S;
+        if !stance.is_empty() {
+            change = follow(machine, &mut state, stance, change, row);
+        }
         if row >= commands.len() {
             commands.push(command(start_s, &state));
         }
@@ -117,6 +142,26 @@ fn run(
     }
     trail.fine.push((state.q(), state.v()));
     trail
+}
+
+/// A touchdown may come this many rows before or after the recorded one (30 ms).
+const SLACK_ROWS: usize = 12;
+
+/// First row after `row` that stands on another leg than the row before it.
+fn next_change(stance: &[usize], row: usize) -> Option<usize> {
+    (row + 1..stance.len()).find(|r| stance[*r] != stance[*r - 1])
+}
+
+/// Arms the touchdown around the recorded change of legs, makes it where the foot is late; the next change.
+fn follow(machine: &Machine, state: &mut State, stance: &[usize], change: Option<usize>, row: usize) -> Option<usize> {
+    let due = change?;
+    let leg = stance[due];
+    if row >= due + SLACK_ROWS && state.feet.stance != leg {
+        machine.walker()?.touch_down(state);
+    }
+    let next = if row >= due && state.feet.stance == leg { next_change(stance, due) } else { Some(due) };
+    state.feet.due = next.filter(|c| row + SLACK_ROWS + 1 >= *c).map(|c| stance[c]);
+    next
 }
 
 fn project(row: Pair, of: Pair) -> f64 {
@@ -166,27 +211,42 @@ fn between(signal: &[f64], place: f64) -> f64 {
 /// Makes one recording of so many rows.
 pub(super) fn record(physics: &Physics, programs: &[Program], number: usize, heldout: bool, rows: usize) -> Recording {
     let machine = physics.machine(number);
-    let mut q = [0.0; 2];
-    for (i, program) in programs.iter().enumerate() {
-        q[i] = program.start();
-    }
+    let start = started(&machine, programs);
     let command = |t: f64, state: &State| {
         let mut u = [0.0; 2];
         for (i, (program, joint)) in programs.iter().zip(&machine.joints).enumerate() {
             let (angle, rate) = (project(joint.along, state.q()), project(joint.along, state.v()));
             // Commands leave a controller with a finite number of digits.
-            u[i] = (program.torque(t, angle, rate) / joint.gain * 1e4).round() / 1e4;
+            let torque = program.walk(t, state).unwrap_or_else(|| program.torque(t, angle, rate));
+            u[i] = (torque / joint.gain * 1e4).round() / 1e4;
         }
         u
     };
     let mut commands = Vec::with_capacity(rows);
-    let trail = run(&machine, machine.start(q, [0.0; 2]), 0..rows, &mut commands, command);
+    let trail = run(&machine, start, 0..rows, &mut commands, command);
     let readings = physics.readings(number);
     let clean = physics.rig.sensors.iter().zip(&readings).map(|(s, r)| read(&trail, s, r, 0.0)).collect();
     let windows = windows(rows, physics.rig.window_s);
     let starts = windows.iter().map(|window| trail.states[window.start]).collect();
     let limited = commands.iter().map(|u| is_limited(&machine, u)).collect();
-    Recording { number, heldout, commands, clean, windows, starts, limited }
+    let stance = trail.states.iter().filter(|_| machine.ground.is_some()).map(|state| state.feet.stance).collect();
+    Recording { number, heldout, commands, clean, windows, starts, limited, stance }
+}
+
+/// Where a recording begins: at rest, or in the middle of walking.
+fn started(machine: &Machine, programs: &[Program]) -> State {
+    let (mut q, mut v) = ([0.0; 2], [0.0; 2]);
+    for (i, program) in programs.iter().enumerate() {
+        q[i] = program.start();
+    }
+    if let Some(Program::Walk(gait)) = programs.first() {
+        (q, v) = gait.start();
+    }
+    let mut state = machine.start(q, v);
+    if let Some(walker) = machine.walker() {
+        walker.stand(&mut state);
+    }
+    state
 }
 
 fn is_limited(machine: &Machine, command: &Pair) -> bool {
@@ -211,7 +271,11 @@ pub(super) fn free_run(physics: &Physics, recording: &Recording, window: usize, 
     let fresh = machine.start(start.q(), start.v());
     start.y = fresh.y;
     start.torque = motor(&machine, &commands, from_s);
-    let trail = run(&machine, start, rows, &mut commands, |_, _| [0.0; 2]);
+    if let Some(walker) = machine.walker() {
+        start.feet.told = true;
+        walker.stand(&mut start);
+    }
+    let trail = run_told(&machine, start, rows, &mut commands, &recording.stance, |_, _| [0.0; 2]);
     let readings = physics.readings(recording.number);
     physics.rig.sensors.iter().zip(&readings).map(|(s, r)| read(&trail, s, r, from_s)).collect()
 }

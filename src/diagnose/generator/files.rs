@@ -63,8 +63,9 @@ fn rig_text(case: &Case, name: &str) -> String {
     }
     if rig.kind == Kind::Biped {
         let [stiffness, rest] = rig.spring;
+        let leg = ["inner", "outer"][rig.stance()];
         text += &format!(
-            "\n[[effect]]\neffect = \"parallel_spring\"\nat = \"inner\"\nstiffness = {{ value = {stiffness:?} }}\n\
+            "\n[[effect]]\neffect = \"parallel_spring\"\nat = \"{leg}\"\nstiffness = {{ value = {stiffness:?} }}\n\
              rest = {{ value = {rest:?} }}\n"
         );
     }
@@ -91,8 +92,11 @@ fn recordings_text(case: &Case) -> String {
             "\n[[recording]]\nfile = \"{}\"\nuse = \"{role}\"\nwindow_s = {window:?}\n",
             file(recording.number)
         );
-        if case.published.kind == Kind::Biped {
-            text += "setup = \"inner_stance\"\n";
+        if case.published.is_legged() {
+            text += &format!("setup = \"{}\"\n", case.published.setup);
+        }
+        if case.published.kind == Kind::Walker {
+            text += "stance_column = \"stance\"\n";
         }
     }
     text
@@ -106,6 +110,7 @@ fn rows(rig: &Rig, recording: &Recording, readings: &[Vec<f64>]) -> String {
     for sensor in &rig.sensors {
         text += &format!(",{}", sensor.column);
     }
+    text += if recording.stance.is_empty() { "" } else { ",stance" };
     text.push('\n');
     for (k, command) in recording.commands.iter().enumerate() {
         // Writing into a string cannot fail.
@@ -115,6 +120,9 @@ fn rows(rig: &Rig, recording: &Recording, readings: &[Vec<f64>]) -> String {
         }
         for signal in readings {
             cell(&mut text, signal[k]);
+        }
+        if let Some(leg) = recording.stance.get(k) {
+            write!(text, ",{leg}").unwrap_or_default();
         }
         text.push('\n');
     }
@@ -194,7 +202,9 @@ fn hidden(case: &Case, effect: &Effect, accepted: &[(String, String)]) -> Hidden
         accepted.iter().map(|(effect, at)| Accepted { effect: effect.clone(), at: Some(at.clone()) }).collect();
     // The contract's scale is a factor, the generator's a deviation from one.
     let told = |own: &Effect, value: f64| if own.id == "sensor_scale" { 1.0 + value } else { value };
-    let values = |own: &Effect| own.values.iter().map(|(key, value)| ((*key).to_owned(), told(own, *value))).collect();
+    // What only the generator needs to know is none of the contract's keys.
+    let known = |own: &Effect| own.values.clone().into_iter().filter(|(key, _)| !matches!(*key, "whole" | "lever"));
+    let values = |own: &Effect| known(own).map(|(key, value)| (key.to_owned(), told(own, value))).collect();
     if effect.is_outside() {
         let anywhere = vec![Accepted { effect: "unlisted".to_owned(), at: None }];
         return Hidden {

@@ -7,6 +7,7 @@
 //! deviations against the model on healthy machines). RT: no.
 
 use super::chain::{Body, Equations, Pair, equations, solve};
+use super::walker::{Feet, Ground, WALK_STEP_S, Walker};
 
 /// Step of a machine without springs in its drives, s.
 const STEP_S: f64 = 1e-4;
@@ -75,6 +76,19 @@ pub(super) struct Joint {
     pub detent: [f64; 3],
 }
 
+/// A part of a link on a spring of its own.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Mode {
+    /// The link's rate is `along · v`.
+    pub along: Pair,
+    /// What hangs on the spring; 0: nothing.
+    pub inertia: f64,
+    /// That spring.
+    pub stiffness: f64,
+    /// Its damping.
+    pub damping: f64,
+}
+
 /// Everything that acts.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Machine {
@@ -90,6 +104,14 @@ pub(super) struct Machine {
     pub joints: Vec<Joint>,
     /// Springs of the set-up: coordinate, stiffness, rest.
     pub setup_springs: Vec<(usize, f64, f64)>,
+    /// Flexible part of a link.
+    pub mode: Mode,
+    /// Upward force at the end of coordinate 0's or 1's leg: coordinate, force times lever, Nm.
+    pub lifted: Option<(usize, f64)>,
+    /// The machine walks.
+    pub ground: Option<Ground>,
+    /// Steps are longer by this factor where only an estimate is wanted; 0 as 1.
+    pub coarse: f64,
     /// Shaken ground: acceleration amplitude, frequency in Hz, phase (no effect of the library).
     pub shaken: [f64; 3],
     /// More of everything from a time on: fraction, time (a payload; no effect of the library).
@@ -99,12 +121,14 @@ pub(super) struct Machine {
 /// Where the machine is.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct State {
-    /// Coordinates, their rates, rotors, their rates: four pairs.
-    pub y: [f64; 8],
+    /// Coordinates, their rates, rotors, their rates: four pairs; angle and rate of a flexible part.
+    pub y: [f64; 10],
     /// Bristle deflections.
     pub z: Pair,
     /// Torques behind the lag.
     pub torque: Pair,
+    /// Of a walking machine.
+    pub feet: Feet,
 }
 
 /// What stays as it is during one step.
@@ -132,14 +156,14 @@ fn dot(a: Pair, b: Pair) -> f64 {
 
 impl Joint {
     /// Sliding friction at a rate, under a carried torque, at a time.
-    fn level(&self, rate: f64, carried: f64, time_s: f64) -> f64 {
+    pub(super) fn level(&self, rate: f64, carried: f64, time_s: f64) -> f64 {
         let fading = if self.fade > 0.0 { libm::exp(-(rate / self.fade) * (rate / self.fade)) } else { 0.0 };
         let sided = self.coulomb * (1.0 + self.drift * time_s) + self.difference * rate.signum();
         (sided + self.extra * fading + self.load * carried.abs()).max(1e-12)
     }
 
     /// Has dry friction that does not give.
-    fn sticks(&self) -> bool {
+    pub(super) fn sticks(&self) -> bool {
         self.bristle <= 0.0 && self.coulomb + self.extra + self.load + self.difference.abs() > 0.0
     }
 
@@ -156,7 +180,7 @@ impl Joint {
     }
 
     /// Everything that depends on angle and time only.
-    fn landscape(&self, angle: f64, time_s: f64) -> f64 {
+    pub(super) fn landscape(&self, angle: f64, time_s: f64) -> f64 {
         let [amplitude, order, phase] = self.ripple;
         let [depth, centre, width] = self.detent;
         let [impulse, when, long] = self.push;
@@ -174,12 +198,21 @@ impl Joint {
 impl Machine {
     /// Step that resolves this machine, s.
     pub(super) fn step_s(&self) -> f64 {
-        if self.joints.iter().any(|j| j.drive.stiffness > 0.0) { FINE_STEP_S } else { STEP_S }
+        let finest = if self.ground.is_some() {
+            WALK_STEP_S
+        } else if self.mode.inertia > 0.0 || self.joints.iter().any(|j| j.drive.stiffness > 0.0) {
+            FINE_STEP_S
+        } else {
+            STEP_S
+        };
+        finest * self.coarse.max(1.0)
     }
 
     /// At rest or moving, rotors with their joints.
     pub(super) fn start(&self, q: Pair, v: Pair) -> State {
-        let mut state = State { y: [q[0], q[1], v[0], v[1], 0.0, 0.0, 0.0, 0.0], ..State::default() };
+        let mut state = State::default();
+        state.y[..4].copy_from_slice(&[q[0], q[1], v[0], v[1]]);
+        (state.y[8], state.y[9]) = (dot(self.mode.along, q), dot(self.mode.along, v));
         for (i, joint) in self.joints.iter().enumerate() {
             state.y[4 + i] = dot(joint.along, q);
             state.y[6 + i] = dot(joint.along, v);
@@ -187,19 +220,29 @@ impl Machine {
         state
     }
 
-    fn equations_at(&self, y: &[f64; 8], time_s: f64) -> Equations {
+    /// The walking part, if it walks.
+    pub(super) fn walker(&self) -> Option<Walker<'_>> {
+        let (ground, hip) = (self.ground.as_ref()?, self.joints.first()?);
+        Some(Walker { inner: &self.bodies, ground, hip, gravity_m_s2: self.gravity_m_s2 })
+    }
+
+    fn equations_at(&self, y: &[f64; 10], time_s: f64) -> Equations {
         let [accel, hz, phase] = self.shaken;
         let base = if accel == 0.0 { 0.0 } else { accel * libm::sin(std::f64::consts::TAU * hz * time_s + phase) };
         let mut sum = equations(&self.bodies, [y[0], y[1]], [y[2], y[3]], self.gravity_m_s2, base);
         let more = if time_s >= self.payload[1] { 1.0 + self.payload[0] } else { 1.0 };
         sum.mass = sum.mass.map(|row| row.map(|m| m * more));
         sum.bias = sum.bias.map(|b| b * more);
-        for joint in self.joints.iter().filter(|j| j.drive.stiffness <= 0.0) {
+        let rigid = self.joints.iter().filter(|j| j.drive.stiffness <= 0.0).map(|j| (j.drive.rotor, j.along));
+        for (inertia, along) in rigid.chain([(-self.mode.inertia, self.mode.along)]) {
             for i in 0..2 {
                 for k in 0..2 {
-                    sum.mass[i][k] += joint.drive.rotor * joint.along[i] * joint.along[k];
+                    sum.mass[i][k] += inertia * along[i] * along[k];
                 }
             }
+        }
+        if let Some((i, moment)) = self.lifted {
+            sum.bias[i] += moment * libm::sin(y[i]);
         }
         sum
     }
@@ -207,10 +250,15 @@ impl Machine {
     /// One step under motor torques that stay constant: half a step of the bristles, a Runge-Kutta step of the rest with
     /// bristles and dry friction frozen, half a step of the bristles.
     pub(super) fn step(&self, state: &mut State, motor: Pair, time_s: f64, h: f64) {
-        self.relax(state, time_s, h / 2.0);
+        if self.walker().is_none() {
+            self.relax(state, time_s, h / 2.0);
+        }
         for (i, joint) in self.joints.iter().enumerate() {
             let keep = if joint.lag_s > 0.0 { libm::exp(-h / joint.lag_s) } else { 0.0 };
             state.torque[i] = motor[i] + keep * (state.torque[i] - motor[i]);
+        }
+        if let Some(walker) = self.walker() {
+            return walker.step(state, state.torque[0], time_s, h);
         }
         let frozen = Frozen { z: state.z, torque: state.torque, dry: self.dry(state, time_s, h) };
         state.y = runge_kutta(state.y, time_s, h, |y, t| self.slope(y, &frozen, t));
@@ -275,7 +323,7 @@ impl Machine {
         sliding + stiffness * z + damping * bending
     }
 
-    fn slope(&self, y: &[f64; 8], frozen: &Frozen, time_s: f64) -> [f64; 8] {
+    fn slope(&self, y: &[f64; 10], frozen: &Frozen, time_s: f64) -> [f64; 10] {
         let sum = self.equations_at(y, time_s);
         let (q, v) = ([y[0], y[1]], [y[2], y[3]]);
         let mut force = [-sum.bias[0], -sum.bias[1]];
@@ -294,8 +342,15 @@ impl Machine {
         for (i, stiffness, rest) in &self.setup_springs {
             force[*i] -= stiffness * (q[*i] - rest);
         }
-        let acceleration = solve(sum.mass, force, self.all_held());
-        [v[0], v[1], acceleration[0], acceleration[1], y[6], y[7], rotor_rate[0], rotor_rate[1]]
+        let mut bent = 0.0;
+        if self.mode.inertia > 0.0 {
+            let Mode { along, inertia, stiffness, damping } = self.mode;
+            let pull = stiffness * (y[8] - dot(along, q)) + damping * (y[9] - dot(along, v));
+            force = [force[0] + along[0] * pull, force[1] + along[1] * pull];
+            bent = -pull / inertia;
+        }
+        let a = solve(sum.mass, force, self.all_held());
+        [v[0], v[1], a[0], a[1], y[6], y[7], rotor_rate[0], rotor_rate[1], y[9], bent]
     }
 }
 
@@ -304,8 +359,8 @@ fn turned_mass(along: Pair, sum: &Equations) -> f64 {
     (0..2).filter(|i| along[*i] != 0.0).map(|i| sum.mass[i][i]).fold(f64::INFINITY, f64::min)
 }
 
-fn runge_kutta(y: [f64; 8], t: f64, h: f64, slope: impl Fn(&[f64; 8], f64) -> [f64; 8]) -> [f64; 8] {
-    let ahead = |k: &[f64; 8], by: f64| -> [f64; 8] { std::array::from_fn(|i| y[i] + by * k[i]) };
+fn runge_kutta(y: [f64; 10], t: f64, h: f64, slope: impl Fn(&[f64; 10], f64) -> [f64; 10]) -> [f64; 10] {
+    let ahead = |k: &[f64; 10], by: f64| -> [f64; 10] { std::array::from_fn(|i| y[i] + by * k[i]) };
     let k1 = slope(&y, t);
     let k2 = slope(&ahead(&k1, h / 2.0), t + h / 2.0);
     let k3 = slope(&ahead(&k2, h / 2.0), t + h / 2.0);

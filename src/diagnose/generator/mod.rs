@@ -1,23 +1,28 @@
 //! Makes cases with hidden physics, for trials. Shares no formula with `model` or `identify`.
 //!
-//! - [`chain`]: bodies on arms, projected; [`machine`]: dry friction by time-stepping, LuGre pre-sliding, drives with springs and play, 10 or 20 kHz
+//! - [`chain`]: bodies on arms, projected; [`machine`]: dry friction by time-stepping, LuGre pre-sliding, drives with
+//!   springs and play, 10 or 20 kHz; [`walker`]: feet, ground and impacts, 4 kHz; [`gait`]: what makes it walk
 //! - [`rig`]: drawn machines; [`program`]: excitations; [`experiment`]: recordings; [`dice`]: seeded draws and noise
-//! - [`effect`]: what is hidden; [`refit`]: how visible it remains; [`case`]: five levels of concealment
-//! - [`files`]: the case and its truth on disk
+//! - [`draw`], [`effect`]: what is hidden; [`refit`]: how visible it remains; [`twins`]: what else the data allows
+//! - [`case`]: five levels of concealment; [`files`]: the case and its truth on disk
 //!
-//! Limits: no walking (impacts need a controller of their own), no link flexibility, foot or ground effects.
+//! Limits: drives are rigid while walking; one flexible link per machine.
 //! RT: no.
 
 mod case;
 mod chain;
 mod dice;
+mod draw;
 mod effect;
 mod experiment;
 mod files;
+mod gait;
 mod machine;
 mod program;
 mod refit;
 mod rig;
+mod twins;
+mod walker;
 
 use std::collections::BTreeMap;
 use std::io;

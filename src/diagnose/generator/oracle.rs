@@ -50,7 +50,16 @@ fn worst(machine: &Machine, q: Pair, v: Pair, torque: impl Fn(f64) -> Pair, expe
 
 fn rig(kind: Kind, values: &[(&str, f64)], joints: Vec<(&'static str, &'static str, f64)>, spring: Pair) -> Rig {
     let values = values.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
-    Rig { kind, values, uncertain: Vec::new(), joints, sensors: Vec::new(), spring, window_s: 1.0 }
+    Rig {
+        kind,
+        values,
+        uncertain: Vec::new(),
+        joints,
+        sensors: Vec::new(),
+        spring,
+        window_s: 1.0,
+        setup: "inner_stance",
+    }
 }
 
 #[test]

@@ -3,7 +3,9 @@
 use std::f64::consts::TAU;
 
 use super::dice::Dice;
-use super::effect::{Scales, scales};
+use super::draw::{Scales, scales};
+use super::gait::Gait;
+use super::machine::State;
 use super::rig::{Kind, Rig};
 
 /// One joint's excitation.
@@ -17,6 +19,8 @@ pub(super) enum Program {
     Steps(Vec<f64>, f64),
     /// Position servo: stiffness, damping, limit, and what it follows.
     Servo([f64; 3], Box<Program>),
+    /// Steps over the ground.
+    Walk(Gait),
 }
 
 impl Program {
@@ -25,10 +29,15 @@ impl Program {
         if let Self::Free(angle) = self { *angle } else { 0.0 }
     }
 
+    /// Hip torque of a walking robot.
+    pub(super) fn walk(&self, t: f64, state: &State) -> Option<f64> {
+        if let Self::Walk(gait) = self { Some(gait.torque(t, state)) } else { None }
+    }
+
     /// Torque (or, inside a servo, angle) at a time.
     pub(super) fn torque(&self, t: f64, angle: f64, rate: f64) -> f64 {
         match self {
-            Self::Free(_) => 0.0,
+            Self::Free(_) | Self::Walk(_) => 0.0,
             Self::Sines(sines) => sines.iter().map(|[a, hz, phase]| a * libm::sin(TAU * hz * t + phase)).sum(),
             Self::Steps(levels, hold_s) => held(levels, t / hold_s),
             Self::Servo([stiffness, damping, limit], target) => {
@@ -68,6 +77,9 @@ fn servo(dice: &mut Dice, s: &Scales, hz: f64) -> Program {
 
 /// One program per joint. `gentle`: closed loop and a third of the amplitude.
 pub(super) fn draw(dice: &mut Dice, rig: &Rig, gentle: bool) -> Vec<Program> {
+    if rig.kind == Kind::Walker {
+        return vec![Program::Walk(Gait::draw(dice))];
+    }
     let mut s = scales(rig);
     if gentle {
         s.angle *= 0.35;

@@ -31,8 +31,16 @@ enum Free {
 
 fn free_values(physics: &Physics) -> Vec<Free> {
     let base = physics.rig.uncertain.iter().cloned().map(Free::Base);
-    let extra = physics.effects.iter().flat_map(|effect| effect.values.keys().map(|key| Free::Extra(key)));
+    let extra = physics
+        .effects
+        .iter()
+        .flat_map(|effect| effect.values.keys().filter(|key| is_free(key)).map(|key| Free::Extra(key)));
     base.chain(extra).collect()
+}
+
+/// Numbers of an effect that are facts of the machine are not fitted.
+fn is_free(key: &str) -> bool {
+    !matches!(key, "whole" | "lever" | "order")
 }
 
 fn scaled(physics: &Physics, free: &Free, factor: f64) -> Physics {

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use super::chain::{Body, Pair};
 use super::dice::Dice;
 use super::machine::{Joint, Machine};
+use super::walker::Ground;
 
-/// The machines that trials are made of. Walking needs a controller and contact of its own and is not drawn.
+/// The machines that trials are made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// A link that hangs.
@@ -19,6 +20,8 @@ pub(super) enum Kind {
     Double,
     /// Two legs, one pinned toe, a spring that holds the stance leg up.
     Biped,
+    /// The same, walking.
+    Walker,
 }
 
 /// What a sensor reads.
@@ -55,6 +58,8 @@ pub(super) struct Rig {
     pub spring: Pair,
     /// Free runs restart this often, s.
     pub window_s: f64,
+    /// Of the compass gait.
+    pub setup: &'static str,
 }
 
 impl Kind {
@@ -64,7 +69,7 @@ impl Kind {
             Self::Pendulum | Self::Rotor => "pendulum",
             Self::Slider => "slider",
             Self::Double => "double_pendulum",
-            Self::Biped => "compass_gait",
+            Self::Biped | Self::Walker => "compass_gait",
         }
     }
 }
@@ -76,6 +81,7 @@ pub(super) fn draw(dice: &mut Dice, kind: Kind) -> Rig {
         Kind::Slider => slider(dice),
         Kind::Double => double(dice),
         Kind::Biped => biped(dice),
+        Kind::Walker => walker(dice),
     };
     rig.uncertain.sort();
     let tells_grid = dice.chance(0.5);
@@ -114,7 +120,16 @@ fn pendulum(dice: &mut Dice, kind: Kind) -> Rig {
         sensors.push(sensor("q1_rate", "q1_rad_s", [1.0, 0.0], 0.04));
     }
     let gain = torque * dice.log_between(0.02, 2.0);
-    Rig { kind, values, uncertain, joints: vec![("q1", "u_v", gain)], sensors, spring: [0.0; 2], window_s: 2.0 }
+    Rig {
+        kind,
+        values,
+        uncertain,
+        joints: vec![("q1", "u_v", gain)],
+        sensors,
+        spring: [0.0; 2],
+        window_s: 2.0,
+        setup: "",
+    }
 }
 
 fn slider(dice: &mut Dice) -> Rig {
@@ -134,6 +149,7 @@ fn slider(dice: &mut Dice) -> Rig {
         sensors,
         spring: [0.0; 2],
         window_s: 2.0,
+        setup: "",
     }
 }
 
@@ -167,13 +183,13 @@ fn double(dice: &mut Dice) -> Rig {
     ]);
     let joints = vec![("q1", "u_a1", dice.log_between(0.2, 3.0)), ("q2", "u_a2", dice.log_between(0.2, 3.0))];
     let sensors = vec![sensor("q1", "q1_rad", [1.0, 0.0], 0.000_8), sensor("q2", "q2_rad", [0.0, 1.0], 0.000_8)];
-    Rig { kind: Kind::Double, values, uncertain, joints, sensors, spring: [0.0; 2], window_s: 1.2 }
+    Rig { kind: Kind::Double, values, uncertain, joints, sensors, spring: [0.0; 2], window_s: 1.2, setup: "" }
 }
 
-/// The robot of the thesis, a few per cent off, held up by the spring of its stance set-up.
-fn biped(dice: &mut Dice) -> Rig {
+/// Values of the robot of the thesis, a few per cent off.
+fn robot(dice: &mut Dice, coulomb: f64) -> BTreeMap<String, f64> {
     let mut near = |value: f64| value * dice.between(0.96, 1.04);
-    let values = named(&[
+    named(&[
         ("leg_length_m", 1.045),
         ("total_mass_kg", 15.2),
         ("gravity_m_s2", 9.81),
@@ -184,14 +200,35 @@ fn biped(dice: &mut Dice) -> Rig {
         ("c5", near(0.1264)),
         ("c6", near(0.0026)),
         ("viscous@hip", near(0.75)),
-        ("coulomb@hip", near(0.5)),
-    ]);
+        ("coulomb@hip", near(coulomb)),
+    ])
+}
+
+/// One toe pinned, the stance leg held up by the spring of its set-up.
+fn biped(dice: &mut Dice) -> Rig {
+    let values = robot(dice, 0.5);
     let uncertain = names(&["c1", "c2", "c4", "c5", "viscous@hip", "coulomb@hip"]);
-    let sensors =
-        vec![sensor("inner", "imu_inner_rad", [1.0, 0.0], 0.001), sensor("hip", "hip_rad", [1.0, -1.0], 0.000_2)];
+    let inner = dice.chance(0.6);
+    let (setup, imu) = if inner {
+        ("inner_stance", sensor("inner", "imu_inner_rad", [1.0, 0.0], 0.001))
+    } else {
+        ("outer_stance", sensor("outer", "imu_outer_rad", [0.0, 1.0], 0.001))
+    };
+    let sensors = vec![imu, sensor("hip", "hip_rad", [1.0, -1.0], 0.000_2)];
     let spring = [dice.between(205.0, 230.0), dice.between(-0.02, 0.02)];
     let joints = vec![("hip", "u_a", dice.log_between(0.5, 4.0))];
-    Rig { kind: Kind::Biped, values, uncertain, joints, sensors, spring, window_s: 2.0 }
+    Rig { kind: Kind::Biped, values, uncertain, joints, sensors, spring, window_s: 2.0, setup }
+}
+
+/// Free on the ground.
+fn walker(dice: &mut Dice) -> Rig {
+    let level = dice.between(0.15, 0.5);
+    let values = robot(dice, level);
+    let uncertain = names(&["c2", "c5", "viscous@hip", "coulomb@hip"]);
+    let sensors =
+        vec![sensor("inner", "imu_inner_rad", [1.0, 0.0], 0.001), sensor("hip", "hip_rad", [1.0, -1.0], 0.000_5)];
+    let joints = vec![("hip", "u_hip", dice.log_between(0.5, 4.0))];
+    Rig { kind: Kind::Walker, values, uncertain, joints, sensors, spring: [0.0; 2], window_s: 0.8, setup: "walk" }
 }
 
 impl Rig {
@@ -206,8 +243,9 @@ impl Rig {
             Kind::Slider => self.slider_machine(rotor),
             Kind::Double => self.double_machine(),
             Kind::Biped => self.biped_machine(rotor),
+            Kind::Walker => self.walking_machine(),
         };
-        let along: [Pair; 2] = if self.kind == Kind::Biped { [[1.0, -1.0]; 2] } else { [[1.0, 0.0], [0.0, 1.0]] };
+        let along: [Pair; 2] = if self.is_legged() { [[1.0, -1.0]; 2] } else { [[1.0, 0.0], [0.0, 1.0]] };
         for (i, (name, _, gain)) in self.joints.iter().enumerate() {
             machine.joints.push(Joint {
                 along: along[i],
@@ -264,41 +302,64 @@ impl Rig {
         Machine { bodies: vec![first, second], size: 2, gravity_m_s2: 9.81, ..Machine::default() }
     }
 
-    /// Three bodies that have these c1..c6 (model notes, section 2); how the mass is shared does not matter. The rotor
-    /// adds to c1, c2 and takes from c3.
+    /// Is it the compass gait?
+    pub(super) fn is_legged(&self) -> bool {
+        matches!(self.kind, Kind::Biped | Kind::Walker)
+    }
+
+    /// Leg that stands at first: 0 inner, 1 outer.
+    pub(super) fn stance(&self) -> usize {
+        usize::from(self.setup == "outer_stance")
+    }
+
     fn biped_machine(&self, rotor: f64) -> Machine {
+        let stance = self.stance();
+        Machine {
+            bodies: self.legs(rotor, stance),
+            size: 2,
+            gravity_m_s2: self.value("gravity_m_s2"),
+            setup_springs: vec![(stance, self.spring[0], self.spring[1])],
+            lifted: Some((stance, 0.0)),
+            ..Machine::default()
+        }
+    }
+
+    fn walking_machine(&self) -> Machine {
+        let ground = Ground { outer: self.legs(0.0, 1), length_m: self.value("leg_length_m"), ..Ground::default() };
+        Machine {
+            bodies: self.legs(0.0, 0),
+            size: 2,
+            gravity_m_s2: self.value("gravity_m_s2"),
+            ground: Some(ground),
+            ..Machine::default()
+        }
+    }
+
+    /// Three bodies that have these c1..c6 (model notes, section 2); how the mass is shared does not matter. The rotor
+    /// adds to c1, c2 and takes from c3. `stance`: the leg whose toe is the origin.
+    fn legs(&self, rotor: f64, stance: usize) -> Vec<Body> {
         let (l, total) = (self.value("leg_length_m"), self.value("total_mass_kg"));
         let unit = total * l * l;
         let jr = rotor / unit;
         let c3 = self.value("c3") + jr;
-        let leg = |c: f64, moment: f64, base: f64, row: Pair| {
+        let row = |leg: usize| if leg == 0 { [1.0, 0.0] } else { [0.0, 1.0] };
+        let leg = |leg: usize, c: f64, moment: f64| {
             let mass = 0.3 * total;
             let centre = moment * total * l / mass;
-            let mut arms = vec![(-centre, row)];
-            if base > 0.0 {
-                arms.push((base, [1.0, 0.0]));
-            }
-            Body { mass, inertia: (c - jr - c3) * unit - mass * centre * centre, arms, turn: row, slides: false }
+            // The stance leg's hip end is at l, its mass below it; the other hangs from there.
+            let arms = vec![(l, row(stance)), (-centre, row(leg))];
+            Body { mass, inertia: (c - jr - c3) * unit - mass * centre * centre, arms, turn: row(leg), slides: false }
         };
         let mass3 = 0.4 * total;
         let centre3 = 4.0 * self.value("c6") * total * l / mass3;
         let body = Body {
             mass: mass3,
             inertia: 4.0 * c3 * unit - mass3 * centre3 * centre3,
-            arms: vec![(l, [1.0, 0.0]), (centre3, [0.5, 0.5])],
+            arms: vec![(l, row(stance)), (centre3, [0.5, 0.5])],
             turn: [0.5, 0.5],
             slides: false,
         };
-        // Inner stance: the inner leg's hip end stands at l, its mass below it.
-        let inner = leg(self.value("c1"), self.value("c4"), l, [1.0, 0.0]);
-        let outer = leg(self.value("c2"), self.value("c5"), l, [0.0, 1.0]);
-        Machine {
-            bodies: vec![inner, outer, body],
-            size: 2,
-            gravity_m_s2: self.value("gravity_m_s2"),
-            setup_springs: vec![(0, self.spring[0], self.spring[1])],
-            ..Machine::default()
-        }
+        vec![leg(0, self.value("c1"), self.value("c4")), leg(1, self.value("c2"), self.value("c5")), body]
     }
 }
 
@@ -310,6 +371,7 @@ mod tests {
     #[test]
     fn biped_meets_the_reference_accelerations_of_the_notes() {
         let mut rig = draw(&mut Dice::new(1, 1), Kind::Biped);
+        rig.setup = "inner_stance";
         let set = [("c1", 0.1007), ("c2", 0.1434), ("c3", 0.000_596), ("c4", 0.1151), ("c5", 0.1264), ("c6", 0.0026)];
         rig.values.extend(named(&set));
         for rotor in [0.0, 0.09] {

@@ -1,5 +1,8 @@
 use super::case::Recipe;
-use super::write_cases;
+use super::dice::Dice;
+use super::experiment::{Physics, Recording, record};
+use super::rig::{self, Kind};
+use super::{draw, program, write_cases};
 use crate::identify::experiment::Experiment;
 use crate::identify::rollout::{Pooled, free_run};
 use crate::model::rig::Use;
@@ -64,4 +67,50 @@ fn model_follows_the_generator_to_within_the_noise() {
     // Measured on 16 cases: 0.998 to 1.006 where one sensor matters. Up to 1.07 on the fine encoder of the biped: the
     // contract weighs channels by their signal, so the noise of the coarse IMU enters the initial states.
     assert!(!ratios.is_empty() && ratios.iter().all(|(ratio, _)| (0.9..1.1).contains(ratio)), "{ratios:#?}");
+}
+
+fn walk(number: u64, effect: Option<(&'static str, f64)>) -> Recording {
+    let mut dice = Dice::new(77, number);
+    let rig = rig::draw(&mut dice, Kind::Walker);
+    let programs = program::draw(&mut dice, &rig, false);
+    let hidden = |(id, value): (&'static str, f64)| {
+        let mut drawn = draw::draw(&mut Dice::new(0, 0), &rig, id, 3.0);
+        drawn.values.insert(drawn.leading, value);
+        drawn
+    };
+    let effects = effect.into_iter().map(hidden).collect();
+    record(&Physics { rig, effects, coarse: 1.0 }, &programs, 0, false, 1200)
+}
+
+fn steps(recording: &Recording) -> usize {
+    (1..recording.stance.len()).filter(|k| recording.stance[*k] != recording.stance[k - 1]).count()
+}
+
+#[test]
+fn robot_walks_on_level_ground_and_with_every_effect_of_the_ground() {
+    let effects = [
+        ("foot_slip", 0.2),
+        ("elastic_impact", 0.2),
+        ("toe_compliance", 4e4),
+        ("ground_slope", 0.005),
+        ("counterweight", 5.0),
+        ("round_foot", 0.05),
+    ];
+    let level = walk(1, None);
+    for (id, value) in effects {
+        let other = walk(1, Some((id, value)));
+        assert!(steps(&other) >= 4 && other.clean[0].iter().all(|x| x.abs() < 0.4), "{id}");
+        let moved = other.clean[0].iter().zip(&level.clean[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(moved > 1e-3, "{id} shows nothing: {moved}");
+    }
+}
+
+#[test]
+fn effects_of_the_ground_vanish_with_their_strength() {
+    let level = walk(2, None);
+    for (id, value) in [("elastic_impact", 1e-9), ("round_foot", 1e-9), ("foot_slip", 1e3), ("counterweight", 1e-9)] {
+        let other = walk(2, Some((id, value)));
+        let moved = other.clean[0].iter().zip(&level.clean[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(moved < 1e-6, "{id} {moved}");
+    }
 }

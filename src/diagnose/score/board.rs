@@ -2,6 +2,7 @@
 
 use super::hardware::HardwareMark;
 use super::simulated::Mark;
+use super::spread::interval;
 use super::wilson::Share;
 use crate::report::table::{Align, Table, number};
 
@@ -173,21 +174,28 @@ fn simulated_totals(table: &mut Table, marks: &[&Mark]) {
     simulated_figures(table, marks);
 }
 
+/// A figure with its 95 % interval.
+fn sure(values: &[f64], statistic: fn(&[f64]) -> Option<f64>, text: fn(Option<f64>) -> String) -> String {
+    let range = interval(values, statistic);
+    let range = range.map_or_else(String::new, |(low, high)| format!("  [{}, {}]", text(Some(low)), text(Some(high))));
+    text(statistic(values)) + &range
+}
+
+fn middle(values: &[f64]) -> Option<f64> {
+    median(values.iter().copied())
+}
+
 fn simulated_figures(table: &mut Table, marks: &[&Mark]) {
-    let leading = median(marks.iter().flat_map(|m| m.leading_errors.iter().copied()));
-    let all = median(marks.iter().flat_map(|m| m.all_errors.iter().copied()));
-    let overlaps: Vec<f64> = marks.iter().flat_map(|m| m.time_iou.iter().copied()).collect();
+    let all_of = |part: fn(&Mark) -> &[f64]| -> Vec<f64> { marks.iter().flat_map(|m| part(m)).copied().collect() };
+    let (leading, all) = (all_of(|m| &m.leading_errors), all_of(|m| &m.all_errors));
+    let overlaps = all_of(|m| &m.time_iou);
     let gains: Vec<f64> = marks.iter().filter_map(|m| m.gain).collect();
-    line(table, "parameter error, leading, median", percent(leading), "<= 15 %");
-    line(table, "parameter error, all, median", percent(all), "");
-    line(
-        table,
-        "time IoU, mean (median)",
-        format!("{} ({})", shown(mean(&overlaps)), shown(median(overlaps.clone()))),
-        "0.6",
-    );
-    let gain = format!("{} ({})", percent(mean(&gains)), percent(median(gains.clone())));
-    line(table, "recoverable held-out gain, mean (median)", gain, "80 %");
+    line(table, "parameter error, leading, median", sure(&leading, middle, percent), "<= 15 %");
+    line(table, "parameter error, all, median", sure(&all, middle, percent), "");
+    line(table, "time IoU, mean", sure(&overlaps, mean, shown), "0.6");
+    line(table, "time IoU, median", sure(&overlaps, middle, shown), "");
+    line(table, "recoverable held-out gain, mean", sure(&gains, mean, percent), "80 %");
+    line(table, "recoverable held-out gain, median", sure(&gains, middle, percent), "");
     line(table, "  cases above 80 %", Share::count(gains.iter().map(|g| *g >= 0.8)), "");
     line(table, "right in every respect", Share::count(marks.iter().map(|m| m.right())), "");
 }

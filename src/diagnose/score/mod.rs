@@ -20,6 +20,7 @@ mod hardware;
 mod interval;
 mod runner;
 mod simulated;
+mod spread;
 mod truth;
 mod wilson;
 

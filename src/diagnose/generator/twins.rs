@@ -1,0 +1,89 @@
+//! What else explains the recordings of a hidden effect: the answers that are right beside itself. RT: no.
+//!
+//! A lookalike starts as visible as the truth, in either sense, and is re-fitted with all base parameters. It may come
+//! from far: without the right size and sense at the start the fit would not arrive, and the trial would call decidable
+//! what is not.
+
+use super::case::Lab;
+use super::dice::Dice;
+use super::draw;
+use super::effect::{Effect, NONE};
+use super::experiment::{ROW_S, Recording};
+use super::refit::refit;
+use super::rig::Kind;
+
+/// An alternative that leaves less than this cannot be told apart: five standard deviations.
+const SAME: f64 = 25.0;
+
+/// A lookalike that, taken linearly, leaves more than this part of the truth is none and is not fitted.
+const UNLIKE: f64 = 0.3;
+/// Part of its drawn strength at which a lookalike is taken linearly.
+const FAINT: f64 = 0.05;
+
+/// The effect itself and what is exactly the same in every recording (contract section 3).
+pub(super) fn exact(lab: &Lab, truth: &Effect) -> Vec<(String, String)> {
+    let mut accepted = vec![(truth.id.to_owned(), truth.at.clone())];
+    match truth.id {
+        "torque_offset" => accepted.push(("friction_asymmetry".to_owned(), truth.at.clone())),
+        "friction_asymmetry" => accepted.push(("torque_offset".to_owned(), truth.at.clone())),
+        "transport_delay" if lab.rig.sensors.len() == 1 => {
+            accepted.push(("sensor_delay".to_owned(), lab.rig.sensors[0].column.to_owned()));
+        }
+        _ => {}
+    }
+    accepted
+}
+
+/// Beside exact twins, what fits these recordings to within the noise.
+pub(super) fn answers(lab: &Lab, truth: &Effect) -> Vec<(String, String)> {
+    let mut accepted = exact(lab, truth);
+    let recordings = lab.roughly_fitted(std::slice::from_ref(truth));
+    let fit: Vec<&Recording> = recordings.iter().collect();
+    let recorded: Vec<&[Vec<f64>]> = fit.iter().map(|r| r.clean.as_slice()).collect();
+    let seen = lab.visibility(std::slice::from_ref(truth));
+    for other in lookalikes(lab, truth) {
+        // A derivative knows no sense and no size: one round instead of twenty.
+        if lab.left_by(&[other.stronger(FAINT)], std::slice::from_ref(truth)) > (UNLIKE * seen).max(SAME) {
+            continue;
+        }
+        let same = |start: &Effect| {
+            let Some(start) = lab.about_as_visible(start, seen) else { return false };
+            refit(&lab.rough(&[start]), &fit, &recorded, true).chi2 < SAME
+        };
+        if same(&other) || other.turned().is_some_and(|turned| same(&turned)) {
+            accepted.push((other.id.to_owned(), other.at));
+        }
+    }
+    accepted
+}
+
+/// Effects that may look the same in one set of recordings, where they would stand.
+fn lookalikes(lab: &Lab, truth: &Effect) -> Vec<Effect> {
+    let here = |id: &'static str| vec![(id, truth.index, truth.at.clone())];
+    let on_ground = |id: &'static str| vec![(id, NONE, "ground".to_owned())];
+    let walks = lab.rig.kind == Kind::Walker;
+    let found = match truth.id {
+        "transport_delay" => here("actuator_lag"),
+        "actuator_lag" => here("transport_delay"),
+        "sensor_lag" => here("sensor_delay"),
+        "sensor_delay" => here("sensor_lag"),
+        "stribeck_friction" => [here("quadratic_drag"), here("load_friction")].concat(),
+        "quadratic_drag" | "load_friction" => here("stribeck_friction"),
+        "parallel_spring" => here("torque_offset").into_iter().filter(|_| truth.index < lab.rig.joints.len()).collect(),
+        "backlash" => here("joint_elasticity"),
+        "link_flexibility" if lab.rig.kind != Kind::Biped => here("joint_elasticity"),
+        "joint_elasticity" if lab.rig.kind != Kind::Biped => here("link_flexibility"),
+        "counterweight" if walks => on_ground("round_foot"),
+        "round_foot" => on_ground("counterweight"),
+        "sensor_bias" if walks => on_ground("ground_slope"),
+        "ground_slope" => vec![("sensor_bias", 0, lab.rig.sensors[0].column.to_owned())],
+        "counterweight" => vec![("parallel_spring", lab.rig.stance(), ["inner", "outer"][lab.rig.stance()].to_owned())],
+        _ => Vec::new(),
+    };
+    let duration_s = lab.rows as f64 * ROW_S;
+    let drawn = |(id, index, at): (&'static str, usize, String)| {
+        let other = draw::draw(&mut Dice::new(0, 0), &lab.rig, id, duration_s);
+        Effect { index, at, ..other }
+    };
+    found.into_iter().map(drawn).collect()
+}
