@@ -3,6 +3,7 @@
 //! RT: no.
 
 use crate::diagnose::likelihood::{Residuals, blocks, colours};
+use crate::identify::covariance::information;
 use crate::identify::fit::{Fit, Limits, Point, fit};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
@@ -24,7 +25,8 @@ pub struct Hypothesis {
     pub noise: Vec<Colour>,
     /// Twice the log-likelihood under that noise.
     pub likelihood: f64,
-    /// Reduced normal matrix of the shared parameters under the noise of the fit.
+    /// Inverse covariance of the shared parameters: the reduced normal matrix of the fit, or better once
+    /// [`Self::with_intervals`] was asked.
     pub information: DMatrix<f64>,
 }
 
@@ -33,11 +35,11 @@ impl Hypothesis {
     #[must_use]
     pub fn fitted(problem: Problem, start: Point, noise: &[Colour], floors: &[f64], limits: Limits) -> Option<Self> {
         let bounds = problem.bounds();
-        let Fit { point, cost, information, .. } = fit(&problem, start, &bounds, noise, limits);
+        let Fit { point, cost, information: normal, .. } = fit(&problem, start, &bounds, noise, limits);
         if !cost.is_finite() {
             return None;
         }
-        Self::at(problem, point, information, floors)
+        Self::at(problem, point, normal, floors)
     }
 
     /// The hypothesis at a point that is already known.
@@ -54,6 +56,15 @@ impl Hypothesis {
     #[must_use]
     pub fn polished(&self, noise: &[Colour], floors: &[f64], limits: Limits) -> Option<Self> {
         Self::fitted(self.problem.clone(), self.point.clone(), noise, floors, limits)
+    }
+
+    /// The same with the information that intervals need: for answers, not for every fit on the way (one linearisation).
+    #[must_use]
+    pub fn with_intervals(mut self) -> Self {
+        if let Some(better) = information(&self.problem, &self.point, &self.noise) {
+            self.information = better;
+        }
+        self
     }
 
     /// Twice the log-likelihood per block under a given noise.

@@ -44,7 +44,7 @@ pub fn identify(experiment: &Experiment) -> Result<Identification, DiagnoseError
     let first = fitted(rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
     let dropped = drop_spikes(&mut recordings, &first);
     let best = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
-    let best = coloured(best, &floors);
+    let best = coloured(best, &floors).with_intervals();
     let (figures, traces) = proof(experiment, Models { given: rig, refitted: &best.rig, explained: &best.rig })?;
     let lines = lines(rig, &best);
     let mut warnings = warnings(experiment, &dropped);

@@ -90,6 +90,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
     let rest = rest.map(|(unlisted, _)| unlisted);
+    let (base, found) = (base.with_intervals(), found.with_intervals());
     let answer = Found { given, base, found, added, rest, refit_needed };
     let mut warnings = warnings(experiment, &dropped);
     let explained = answer.explained();

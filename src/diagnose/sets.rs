@@ -83,7 +83,8 @@ fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), contex
     // One number more and no better: the simpler one says the same.
     let simple = trial.candidate.keys.len() <= winner.rig.effects[place].kind.keys().len();
     let comparable = simple && trial.hypothesis.rig.effects.len() == winner.rig.effects.len();
-    (inseparable && comparable && trial.gain > 0.5 * gain).then(|| (member(&trial.hypothesis, place), weight(d, gain)))
+    (inseparable && comparable && trial.gain > 0.5 * gain)
+        .then(|| (member(&trial.hypothesis.clone().with_intervals(), place), weight(d, gain)))
 }
 
 /// Weight of a rival against 1 of the winner: how often it would win if the blocks were drawn again.

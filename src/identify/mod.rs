@@ -1,11 +1,12 @@
 //! L6: system identification by simulation error: rigs, recordings, free runs with sensitivities, fits.
 //!
 //! [`experiment`] reads a case, [`theta`] lists what is uncertain, [`rollout`] runs free and differentiates, [`fit`]
-//! fits, [`identifiability`] says what the data determines.
+//! fits, [`covariance`] says how sure the numbers are, [`identifiability`] what the data determines.
 //! RT: no.
 
 #[cfg(test)]
 mod at_truth;
+pub mod covariance;
 pub mod experiment;
 pub mod fit;
 pub mod floor;

@@ -46,6 +46,14 @@ impl Colour {
         }
     }
 
+    /// Independent samples per sample, for a slow quantity: variance over spectrum at zero frequency; at most 1.
+    #[must_use]
+    pub fn independent_part(&self) -> f64 {
+        let rest = 1.0 - self.ar.iter().sum::<f64>();
+        let marginal = 1.0 / self.head_scale();
+        (rest * marginal * rest * marginal).min(1.0)
+    }
+
     /// Ratio of innovation to marginal standard deviation: `sqrt(prod (1 - k_j^2))` of the reflection coefficients.
     fn head_scale(&self) -> f64 {
         reflections(&self.ar).iter().map(|k| (1.0 - k * k).max(1e-6)).product::<f64>().sqrt()
@@ -77,6 +85,13 @@ pub fn loss(e: f64) -> f64 {
 #[must_use]
 pub fn weight(e: f64) -> f64 {
     (NU + 1.0) / (NU + e * e)
+}
+
+/// How fast the slope of [`loss`] grows with `e`, over 2: 1.1 near zero, negative for outliers.
+#[must_use]
+pub fn loss_bend(e: f64) -> f64 {
+    let square = e * e;
+    (NU + 1.0) * (NU - square) / ((NU + square) * (NU + square))
 }
 
 /// Autocovariances of lag 0 to `MAX_ORDER`, summed over the runs of one channel (runs are not joined).

@@ -1,0 +1,182 @@
+//! How far fitted numbers may be off: the information that intervals come from.
+//!
+//! The normal matrix of a fit would be the inverse covariance if the whitened residual were white, Gauss and not fitted.
+//! Three things make it too large: a robust loss uses less of the data than squares would; what was fitted took part of
+//! the slow noise along, so the residual shows less than there was; and a residual that is misfit rather than noise stays
+//! correlated after whitening. The first two are factors; for the third the scores are summed over blocks of time: where
+//! they scatter more than independent samples would, that scatter counts (sandwich, Liang and Zeger 1986).
+//! RT: no.
+
+use crate::identify::fit::{FreeRuns, Point, Series, present};
+use crate::identify::noise::{Colour, loss_bend, weight};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+/// Blocks over all windows: enough to see their scatter to a third, long enough to hold what correlates.
+const BLOCKS: usize = 24;
+/// Fewest rows of a block: a few times the longest memory of a noise model.
+const SHORTEST: usize = 24;
+/// Block scores may scatter by this factor more than independent samples (variance) before it counts: by chance the
+/// mean over four directions of 24 blocks stays below 1.4.
+const BY_CHANCE: f64 = 1.5;
+/// Fewer blocks per direction than this cannot tell directions apart, only their mean.
+const PER_DIRECTION: usize = 3;
+/// Directions below this part of the largest carry no information at all.
+const NOTHING: f64 = 1e-12;
+
+/// Sums of one channel over one window, directions in the order of the slopes.
+struct Channel {
+    /// `J'J`, whitened.
+    square: DMatrix<f64>,
+    /// Score of each block.
+    blocks: Vec<DVector<f64>>,
+    /// Sums over samples of the bend of the loss and of its squared slope, halves of them; number of samples.
+    bend: f64,
+    slope_squared: f64,
+    count: f64,
+    /// Independent samples that the mean of this residual is worth.
+    effective: f64,
+}
+
+/// Inverse covariance of the shared parameters at the minimum `at` of a fit under `noise`; `None` if a run leaves the
+/// finite numbers.
+#[must_use]
+pub fn information(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option<DMatrix<f64>> {
+    let shared = at.parameters.len();
+    let swept = |w: usize| runs.run(w, &at.parameters, &at.states[w], true);
+    let windows: Vec<Vec<Series>> = (0..runs.windows()).into_par_iter().map(swept).collect::<Option<_>>()?;
+    let rows: usize = windows.iter().map(|w| w.first().map_or(0, |s| s.residual.len())).sum();
+    let block = (rows / BLOCKS).max(SHORTEST);
+    let sums = |channels: Vec<Series>| -> Vec<Channel> {
+        let pairs = channels.into_iter().zip(noise);
+        pairs.map(|(series, colour)| Channel::of(series, colour, block)).collect()
+    };
+    let windows: Vec<Vec<Channel>> = windows.into_par_iter().map(sums).collect();
+    let factors: Vec<(f64, f64)> = (0..noise.len()).map(|c| robust_factors(&windows, c)).collect();
+    let (mut total, mut scores) = (DMatrix::zeros(shared, shared), Vec::new());
+    for channels in &windows {
+        let (square, blocks) = without_states(channels, &factors, shared);
+        total += square;
+        scores.extend(blocks);
+    }
+    let fitted = shared + at.states.iter().map(Vec::len).sum::<usize>();
+    let effective: f64 = windows.iter().flatten().map(|c| c.effective).sum();
+    total *= (1.0 - fitted as f64 / effective.max(1.0)).max(LEAST_LEFT);
+    Some(scattered(&total, &scores))
+}
+
+/// Fitting never takes more than this part away from what a residual shows of its noise.
+const LEAST_LEFT: f64 = 0.25;
+
+impl Channel {
+    fn of(mut series: Series, colour: &Colour, block: usize) -> Self {
+        let n = series.slopes.len();
+        let mut out = Self {
+            square: DMatrix::zeros(n, n),
+            blocks: Vec::new(),
+            bend: 0.0,
+            slope_squared: 0.0,
+            count: 0.0,
+            effective: 0.0,
+        };
+        if !(colour.sigma.is_finite() && colour.sigma > 0.0) {
+            return out;
+        }
+        let rows = present(&series);
+        let length = series.residual.len();
+        colour.whiten(&mut series.residual, &rows);
+        series.slopes.iter_mut().for_each(|slope| colour.whiten(slope, &rows));
+        out.blocks = vec![DVector::zeros(n); (length / block).max(1)];
+        out.effective = rows.len() as f64 * colour.independent_part();
+        for k in rows {
+            let e = series.residual[k];
+            let psi = weight(e) * e;
+            out.bend += loss_bend(e);
+            out.slope_squared += psi * psi;
+            out.count += 1.0;
+            let j = DVector::from_iterator(n, series.slopes.iter().map(|s| s[k]));
+            out.square.ger(1.0, &j, &j, 1.0);
+            let last = out.blocks.len() - 1;
+            out.blocks[(k / block).min(last)].axpy(psi, &j, 1.0);
+        }
+        out
+    }
+}
+
+/// Of one channel over all windows: the information of a sample in units of its square, and the factor of its scores.
+fn robust_factors(windows: &[Vec<Channel>], c: usize) -> (f64, f64) {
+    let sum = |of: fn(&Channel) -> f64| windows.iter().filter_map(|w| w.get(c)).map(of).sum::<f64>();
+    let count = sum(|c| c.count).max(1.0);
+    let (bend, slope_squared) = ((sum(|c| c.bend) / count).max(0.1), sum(|c| c.slope_squared) / count);
+    // A residual below the floor of its channel says nothing about noise: never more than plain squares.
+    let part = if slope_squared > 0.0 { (bend * bend / slope_squared).min(1.0) } else { 1.0 };
+    (part, part / bend)
+}
+
+/// Information and block scores of the shared parameters of one window once its states follow them.
+fn without_states(channels: &[Channel], factors: &[(f64, f64)], shared: usize) -> (DMatrix<f64>, Vec<DVector<f64>>) {
+    let n = channels.first().map_or(shared, |c| c.square.nrows());
+    let count = channels.iter().map(|c| c.blocks.len()).max().unwrap_or(0);
+    let (mut square, mut blocks) = (DMatrix::zeros(n, n), vec![DVector::zeros(n); count]);
+    for (channel, (part, score)) in channels.iter().zip(factors) {
+        square += &channel.square * *part;
+        for (sum, block) in blocks.iter_mut().zip(&channel.blocks) {
+            sum.axpy(*score, block, 1.0);
+        }
+    }
+    let states = n - shared;
+    if states == 0 {
+        return (square, blocks);
+    }
+    let xx = square.view((shared, shared), (states, states)).into_owned();
+    let follows = square.view((0, shared), (shared, states)) * pseudo_inverse(xx);
+    let own = square.view((0, 0), (shared, shared)) - &follows * square.view((shared, 0), (states, shared));
+    let scores = blocks.iter().map(|b| b.rows(0, shared) - &follows * b.rows(shared, states)).collect();
+    (own, scores)
+}
+
+fn pseudo_inverse(a: DMatrix<f64>) -> DMatrix<f64> {
+    let n = a.nrows();
+    let scale = DVector::from_fn(n, |i, _| 1.0 / libm::sqrt(a[(i, i)].max(1e-300)));
+    let unit = DMatrix::from_fn(n, n, |r, c| a[(r, c)] * scale[r] * scale[c]).symmetric_eigen();
+    let inverse = unit.eigenvalues.map(|x| if x > NOTHING { 1.0 / x } else { 0.0 });
+    let q = DMatrix::from_fn(n, n, |r, c| unit.eigenvectors[(r, c)] * scale[r]);
+    &q * DMatrix::from_diagonal(&inverse) * q.transpose()
+}
+
+/// `information`, less where the scores of blocks scatter by more than it says.
+fn scattered(information: &DMatrix<f64>, scores: &[DVector<f64>]) -> DMatrix<f64> {
+    let n = information.nrows();
+    let root = DVector::from_fn(n, |i, _| libm::sqrt(information[(i, i)].max(1e-300)));
+    let unit = DMatrix::from_fn(n, n, |r, c| information[(r, c)] / (root[r] * root[c])).symmetric_eigen();
+    let seen: Vec<usize> = (0..n).filter(|k| unit.eigenvalues[*k] > NOTHING * n as f64).collect();
+    if seen.is_empty() || scores.len() < 2 {
+        return information.clone();
+    }
+    // Coordinates in which each direction has information 1.
+    let direction = |k: usize| unit.eigenvectors.column(k).component_div(&root) / libm::sqrt(unit.eigenvalues[k]);
+    let to = DMatrix::from_columns(&seen.iter().map(|k| direction(*k)).collect::<Vec<_>>());
+    let mean = scores.iter().sum::<DVector<f64>>() / scores.len() as f64;
+    let mut scatter = DMatrix::zeros(seen.len(), seen.len());
+    for score in scores {
+        // At its minimum the sum is zero but for parameters at a bound.
+        let s = to.tr_mul(&(score - &mean));
+        scatter.ger(1.0, &s, &s, 1.0);
+    }
+    scatter *= scores.len() as f64 / (scores.len() - 1) as f64;
+    let excess = scatter.trace() / seen.len() as f64;
+    if excess < BY_CHANCE {
+        return information.clone();
+    }
+    if scores.len() < PER_DIRECTION * seen.len() {
+        return information / excess;
+    }
+    let along = scatter.symmetric_eigen();
+    let inverse = along.eigenvalues.map(|x| 1.0 / x.max(1.0));
+    let back = |k: usize| unit.eigenvectors.column(k).component_mul(&root) * libm::sqrt(unit.eigenvalues[k]);
+    let from = DMatrix::from_columns(&seen.iter().map(|k| back(*k)).collect::<Vec<_>>()) * along.eigenvectors;
+    &from * DMatrix::from_diagonal(&inverse) * from.transpose()
+}
+
+#[cfg(test)]
+mod tests;
