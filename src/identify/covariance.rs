@@ -163,7 +163,9 @@ fn scattered(information: &DMatrix<f64>, scores: &[DVector<f64>]) -> DMatrix<f64
         let s = to.tr_mul(&(score - &mean));
         scatter.ger(1.0, &s, &s, 1.0);
     }
-    scatter *= scores.len() as f64 / (scores.len() - 1) as f64;
+    // One for the mean, and what was fitted took its part of the scatter.
+    let left = scores.len().saturating_sub(1 + seen.len()).max(1);
+    scatter *= scores.len() as f64 / left as f64;
     let excess = scatter.trace() / seen.len() as f64;
     if excess < BY_CHANCE {
         return information.clone();
