@@ -1,6 +1,6 @@
 //! `compass diagnose CASE`: what physics is missing in a simulation. RT: no.
 
-use super::{Outcome, Run, progress};
+use super::{Outcome, Run, progress, warn};
 use crate::diagnose::own::OwnCase;
 use crate::diagnose::pipeline::{Answer, diagnose};
 use crate::identify::experiment::Experiment;
@@ -43,6 +43,7 @@ pub(crate) struct Args {
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
         let experiment = Experiment::load(&self.case_folder()?)?;
+        warn::of_input(&experiment.recordings)?;
         let spinner = progress::spinner("diagnosing");
         let tell = |text: &str| {
             spinner.set_message(text.to_owned());
@@ -60,9 +61,7 @@ impl Run for Args {
         if let Some(next) = &diagnosis.next_experiment {
             writeln!(out, "Next experiment: {next}")?;
         }
-        for warning in &answer.findings.warnings {
-            writeln!(io::stderr(), "warning: {warning}")?;
-        }
+        warn::further(&answer.findings.warnings, &experiment.recordings)?;
         Ok(if diagnosis.verdict.is_mismatch() { Outcome::Finding } else { Outcome::Fine })
     }
 }

@@ -1,6 +1,6 @@
 //! `compass identify CASE`: parameters by simulation error, and which of them the data determines. RT: no.
 
-use super::{Outcome, Run, progress};
+use super::{Outcome, Run, progress, warn};
 use crate::diagnose::identification::{Identification, identify, with_offsets};
 use crate::identify::experiment::Experiment;
 use crate::report::page;
@@ -37,11 +37,13 @@ impl Run for Args {
         if self.offsets {
             experiment = with_offsets(&experiment);
         }
+        warn::of_input(&experiment.recordings)?;
         let spinner = progress::spinner("fitting");
         let done = identify(&experiment)?;
         spinner.finish_and_clear();
         self.write(&done)?;
         tell(&done)?;
+        warn::further(&done.found.warnings, &experiment.recordings)?;
         Ok(Outcome::Fine)
     }
 }
@@ -64,9 +66,6 @@ fn tell(done: &Identification) -> io::Result<()> {
     writeln!(out, "Error of free runs over the channel's spread:\n{}", found.errors().to_text())?;
     for sentence in &found.undetermined {
         writeln!(out, "{sentence}")?;
-    }
-    for warning in &found.warnings {
-        writeln!(io::stderr(), "warning: {warning}")?;
     }
     Ok(())
 }

@@ -23,6 +23,7 @@ mod score;
 mod sim;
 mod simulate;
 mod trial;
+mod warn;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;

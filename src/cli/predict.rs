@@ -1,6 +1,6 @@
 //! `compass predict MODEL.toml [RECORDING.csv]`: free runs of a model, as the diagnosis contract defines them. RT: no.
 
-use super::{Outcome, Run, UsageError};
+use super::{Outcome, Run, UsageError, warn};
 use crate::identify::experiment::{Recording, load_rig};
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
 use crate::model::rig::{RecordingEntry, Rig, Setup, Use};
@@ -55,6 +55,7 @@ impl Run for Args {
         ]);
         for (index, path) in targets {
             let recording = Recording::load(&rig, index, &path)?;
+            warn::of_input(std::slice::from_ref(&recording))?;
             let pooled = self.pooled(&rig, &recording, &path);
             let run = free_run(&rig, &recording, &pooled)?;
             for (sensor, (error, std)) in rig.sensors.iter().zip(run.nrmse.iter().zip(&pooled.std)) {

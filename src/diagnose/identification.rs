@@ -2,20 +2,20 @@
 //!
 //! Nothing is added to the model. RT: no.
 
-use crate::diagnose::base::{drop_spikes, fit_recordings, fitted, floors};
+use crate::diagnose::base::{drop_spikes, fitted};
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::pipeline::{DiagnoseError, again, runaway, warnings};
+use crate::diagnose::pipeline::{DiagnoseError, again, ready, runaway, warnings};
 use crate::diagnose::prove::{Models, proof};
-use crate::diagnose::suspicion::suspicions;
+use crate::diagnose::suspicion::{at_bounds, suspicions};
 use crate::diagnose::tables::{estimates, undetermined_combinations};
 use crate::identify::experiment::Experiment;
 use crate::identify::fit::Limits;
-use crate::identify::rollout::Pooled;
 use crate::identify::theta::{Entry, Theta};
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Bounds, Effect, Rig, Use, Value};
-use crate::report::findings::Estimate;
+use crate::report::findings::{Estimate, Figure};
 use crate::report::identified::{DecidedBy, Identified, Line};
+use crate::report::table::number;
 
 /// Half the width of a 95 % interval, in standard deviations.
 const HALF_95: f64 = 1.96;
@@ -34,13 +34,8 @@ pub struct Identification {
 /// # Errors
 /// See [`DiagnoseError`].
 pub fn identify(experiment: &Experiment) -> Result<Identification, DiagnoseError> {
-    let mut recordings = fit_recordings(experiment);
-    if recordings.is_empty() {
-        return Err(DiagnoseError::NothingToFit);
-    }
+    let (mut recordings, pooled, floors) = ready(experiment)?;
     let rig = &experiment.rig;
-    let pooled = Pooled::of(rig, experiment.of_use(Use::Fit));
-    let floors = floors(rig, &pooled, &recordings);
     let first = fitted(rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
     let dropped = drop_spikes(&mut recordings, &first);
     let best = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
@@ -49,9 +44,10 @@ pub fn identify(experiment: &Experiment) -> Result<Identification, DiagnoseError
     let lines = lines(rig, &best);
     let mut warnings = warnings(experiment, &dropped);
     warnings.extend(suspicions(&best, &floors));
+    warnings.extend(at_bounds(&best, rig));
     let found = Identified {
         rig: rig.name.clone(),
-        headline: headline(&lines, recordings.len()),
+        headline: headline(&lines, recordings.len()) + &followed(&figures),
         undetermined: undetermined_combinations(&best),
         lines,
         figures,
@@ -115,6 +111,25 @@ fn headline(lines: &[Line], recordings: usize) -> String {
         text += &format!(", {} at a bound", count(DecidedBy::Bound));
     }
     text + "."
+}
+
+/// How well free runs follow, the worst channel; on held-out recordings if there are any.
+fn followed(figures: &[Figure]) -> String {
+    let held: Vec<&Figure> = figures.iter().filter(|f| f.use_ == "heldout").collect();
+    let (of, what) = if held.is_empty() {
+        (figures.iter().collect(), "the fitted recordings")
+    } else {
+        (held, "recordings that were never fitted")
+    };
+    let Some(worst) = of.iter().max_by(|a, b| a.nrmse_refitted.total_cmp(&b.nrmse_refitted)) else {
+        return String::new();
+    };
+    let tell = |x: f64| if x.is_finite() { format!("{} %", number(100.0 * x)) } else { "running away".to_owned() };
+    let (given, fitted) = (tell(worst.nrmse_given), tell(worst.nrmse_refitted));
+    format!(
+        " On {what} the error of free runs goes from {given} to {fitted} of a channel's spread ({}, {}: the worst).",
+        worst.channel, worst.recording
+    )
 }
 
 /// `experiment` with a free zero offset for every angle or position that has none yet.

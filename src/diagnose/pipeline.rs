@@ -17,7 +17,7 @@ use crate::diagnose::scales::scales;
 use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
 use crate::diagnose::sets::{answered, rejected};
-use crate::diagnose::suspicion::suspicions;
+use crate::diagnose::suspicion::{at_bounds, suspicions};
 use crate::diagnose::tables::{headline, parameter_lines, ranking, undetermined_combinations};
 use crate::diagnose::tried::{Added, Context, Trial, compare, worth};
 use crate::diagnose::unlisted::{Unlisted, unexplained};
@@ -35,6 +35,9 @@ pub enum DiagnoseError {
     /// Nothing to fit on.
     #[error("no recording with use = \"fit\": mark at least one in rig.toml")]
     NothingToFit,
+    /// No channel moves.
+    #[error("no column of the fit recordings carries a signal: nothing can be told; record motion\n{0}")]
+    NoSignal(String),
     /// The machine does not run.
     #[error(transparent)]
     Run(#[from] RolloutError),
@@ -59,12 +62,7 @@ pub struct Answer {
 pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) -> Result<Answer, DiagnoseError> {
     let began = Instant::now();
     let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
-    let mut recordings = fit_recordings(experiment);
-    if recordings.is_empty() {
-        return Err(DiagnoseError::NothingToFit);
-    }
-    let pooled = Pooled::of(&experiment.rig, experiment.of_use(Use::Fit));
-    let floors = floors(&experiment.rig, &pooled, &recordings);
+    let (mut recordings, pooled, floors) = ready(experiment)?;
     said("base fit");
     let first = fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
     let dropped = drop_spikes(&mut recordings, &first);
@@ -95,11 +93,27 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let mut warnings = warnings(experiment, &dropped);
     let explained = answer.explained();
     warnings.extend(suspicions(explained, &context.floors));
+    warnings.extend(at_bounds(explained, &experiment.rig));
     warnings.extend(complaints(&explained.problem, &explained.point, &explained.noise));
     said("proof");
     let mut findings = answer.findings(experiment, &context, &last, warnings)?;
     findings.diagnosis.seconds = began.elapsed().as_secs_f64();
     Ok(Answer { findings, model: answer.model(experiment) })
+}
+
+/// What a fit starts from: its recordings, the spread of their channels and the smallest residuals.
+pub(super) fn ready(experiment: &Experiment) -> Result<(Vec<Recording>, Pooled, Vec<f64>), DiagnoseError> {
+    let recordings = fit_recordings(experiment);
+    if recordings.is_empty() {
+        return Err(DiagnoseError::NothingToFit);
+    }
+    let pooled = Pooled::of(&experiment.rig, experiment.of_use(Use::Fit));
+    let floors = floors(&experiment.rig, &pooled, &recordings);
+    if floors.iter().any(|floor| floor.is_finite()) {
+        return Ok((recordings, pooled, floors));
+    }
+    let why: Vec<&str> = recordings.iter().flat_map(|r| &r.warnings).map(String::as_str).collect();
+    Err(DiagnoseError::NoSignal(why.join("\n")))
 }
 
 /// The base fit once more on cleaned recordings.

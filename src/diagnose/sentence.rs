@@ -83,25 +83,25 @@ pub fn describe(member: &Member) -> String {
             )
         }
         "external_push" => format!("a single push at {at} of {} at t = {} s", n("impulse"), n("time")),
-        "torque_limit" => format!("the drive of {at} saturates at {}", n("limit")),
+        "torque_limit" => format!("a drive of {at} that saturates at {}", n("limit")),
         "actuator_lag" => format!("a lag of the drive of {at} of {}", milli(p, "time_constant")),
-        "transport_delay" => format!("the command {at} acts {} late", milli(p, "delay")),
-        "sensor_lag" => format!("{at} is low-pass filtered ({})", milli(p, "time_constant")),
-        "sensor_delay" => format!("{at} is read {} late", milli(p, "delay")),
+        "transport_delay" => format!("a command {at} that acts {} late", milli(p, "delay")),
+        "sensor_lag" => format!("a low-pass filter of {at} ({})", milli(p, "time_constant")),
+        "sensor_delay" => format!("a sensor {at} that reads {} late", milli(p, "delay")),
         "sensor_bias" => format!("a constant offset of {at} of {}", n("bias")),
         "sensor_drift" => format!("an offset of {at} that grows by {} per second", n("rate")),
-        "sensor_scale" => format!("{at} reads {} times the truth", n("scale")),
+        "sensor_scale" => format!("a sensor {at} that reads {} times the truth", n("scale")),
         "encoder_eccentricity" => format!("a once-per-turn error of {at} of {}", n("amplitude")),
-        "lost_counts" => format!("{at} jumps by {} at t = {} s and stays", n("step"), n("time")),
-        "clock_skew" => format!("the clock of {at} runs fast by {}", n("skew")),
-        "foot_slip" => format!("the stance toe slides beyond a friction of {}", n("friction")),
-        "elastic_impact" => format!("the foot rebounds at touchdown (restitution {})", n("restitution")),
+        "lost_counts" => format!("a jump of {at} by {} at t = {} s that stays", n("step"), n("time")),
+        "clock_skew" => format!("a clock of {at} that runs fast by {}", n("skew")),
+        "foot_slip" => format!("a stance toe that slides beyond a friction of {}", n("friction")),
+        "elastic_impact" => format!("a foot that rebounds at touchdown (restitution {})", n("restitution")),
         "toe_compliance" => format!("a spring along the leg at the toe ({} N/m)", n("stiffness")),
-        "ground_slope" => format!("the ground is tilted by {} rad", n("slope")),
+        "ground_slope" => format!("a tilt of the ground by {} rad", n("slope")),
         "counterweight" => {
             format!("an upward force at the hip of {} N: what falls weighs less than what swings", n("force"))
         }
-        "round_foot" => format!("the toe is an arc of radius {} m that rolls", n("radius")),
+        "round_foot" => format!("a toe that rolls as an arc of radius {} m", n("radius")),
         _ => format!("physics at {at} that no effect of the library explains"),
     }
 }

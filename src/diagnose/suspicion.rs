@@ -4,10 +4,14 @@
 
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::white;
+use crate::diagnose::tables::estimates;
 use crate::identify::experiment::Recording;
 use crate::identify::fit::{FreeRuns, Limits, Point};
 use crate::identify::noise::{Colour, median_abs};
 use crate::identify::problem::Problem;
+use crate::identify::theta::Theta;
+use crate::model::rig::Rig;
+use crate::report::findings::Estimate;
 use crate::report::table::number;
 
 /// Warnings that go with a base fit: what, where, remedy.
@@ -59,6 +63,27 @@ fn growth(of: &Hypothesis, flat: usize, window: usize, recording: &Recording) ->
         }
     }
     Some(worst)
+}
+
+/// One line per number of `given` that the data pull to a bound. Zero is where nature ends, no bound of a person.
+#[must_use]
+pub fn at_bounds(of: &Hypothesis, given: &Rig) -> Vec<String> {
+    let own = Theta::of(given);
+    let line = |(name, fitted): (String, Estimate)| {
+        let bounds = own.entries[own.index_of(&name)?].bounds;
+        let width = bounds.max - bounds.min;
+        let near = |bound: f64| bound.abs() > 0.0 && (fitted.value - bound).abs() <= 1e-6 * width;
+        let (side, bound) = [("lower", bounds.min), ("upper", bounds.max)].into_iter().find(|(_, b)| near(*b))?;
+        // What the data do not see stays where it was.
+        (fitted.std < 0.3 * width).then(|| {
+            format!(
+                "{name} is at its {side} bound {}: the recordings want it beyond; widen the bound in rig.toml if the \
+                 machine allows it, else the model or a unit is wrong",
+                number(bound)
+            )
+        })
+    };
+    estimates(of).into_iter().filter_map(line).collect()
 }
 
 /// Residuals that fall by this factor when each recording is fitted alone ask whether all are of one machine.
@@ -175,6 +200,23 @@ mod tests {
         assert!(said.contains("all of the same rig") && said.contains("inertia_kg_m2"), "{said}");
         assert!(said.contains("a.csv") && said.contains("b.csv"), "{said}");
         assert_eq!(warnings([&light, &light], rig(FREE)), "");
+    }
+
+    #[test]
+    fn a_case_without_any_motion_is_refused_with_what_is_wrong() {
+        let model = rig(FREE);
+        let mut still = recorded(&model, &model, 0, &[0.3]);
+        still.measured[0].fill(0.3);
+        still.warnings = vec!["a.csv: column `q_rad` never changes".to_owned()];
+        let refused = identify(&Experiment { rig: model, recordings: vec![still] }).unwrap_err().to_string();
+        assert!(refused.contains("no column") && refused.contains("never changes"), "{refused}");
+    }
+
+    #[test]
+    fn a_number_at_a_bound_of_its_own_is_told_with_the_remedy() {
+        let truth = rig("inertia_kg_m2 = 0.010\ngravity_nm = 0.35");
+        let said = warnings([&truth, &truth], rig(&FREE.replace("min = 0.005", "min = 0.0105")));
+        assert!(said.contains("inertia_kg_m2 is at its lower bound 0.0105") && said.contains("widen"), "{said}");
     }
 
     #[test]

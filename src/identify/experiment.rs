@@ -61,7 +61,7 @@ pub struct Experiment {
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
     /// A file cannot be opened.
-    #[error("{}", path.display())]
+    #[error("{}: cannot be read; recordings stand beside rig.toml under the name that it gives them", path.display())]
     File {
         /// Which.
         path: PathBuf,
@@ -152,6 +152,9 @@ impl Recording {
         let stance = entry.stance_column.as_ref().map(|c| full(c, None)).unwrap_or_default();
         wrong.extend(table.check_time(&times));
         wrong.extend(table.check_stance(entry.stance_column.as_deref(), &stance));
+        if !rig.sensors.is_empty() && table.len() < FEWEST_ROWS {
+            wrong.push(table.too_few(FEWEST_ROWS));
+        }
         if !wrong.is_empty() {
             return Err(wrong);
         }
@@ -210,6 +213,9 @@ impl Recording {
         starts.iter().copied().zip(ends).map(|(a, b)| a..b).collect()
     }
 }
+
+/// With fewer rows than this nothing can be told apart from noise.
+const FEWEST_ROWS: usize = 10;
 
 /// A row that misses a window's start by less belongs to it: decimal instants are not exact in binary.
 const ROUNDING_S: f64 = 1e-9;

@@ -162,7 +162,7 @@ fn remedy(names: &[&str]) -> &'static str {
     if any("mass2") && (any("moment1") || any("inertia1")) {
         "weigh link 2 and state its mass: motion alone shows only inertia1 + mass2 length1² and moment1 + mass2 length1"
     } else if names.iter().all(|n| matches!(*n, "c1" | "c2" | "c3" | "c4" | "c5" | "c6")) {
-        "record the other stance as well, with the springs of that set-up and large hip motion"
+        "record both stances, each with its springs, longer and with larger hip motion"
     } else if any("gain") {
         "weigh the torque: record with a known mass or force attached, or state the gain"
     } else if any("inertia") || any("mass_kg") {
@@ -204,7 +204,7 @@ mod tests {
         let found = undetermined(&(j.transpose() * j), &pair);
         let said = found[0].sentence();
         assert!(said.contains("c3 + 2.000 c6 = 5.8000e-3 ± 1.0e-4"), "{said}");
-        assert!(said.contains("other stance"), "{said}");
+        assert!(said.contains("both stances"), "{said}");
     }
 
     #[test]

@@ -98,7 +98,14 @@ impl Table {
         let mut wrong = Vec::new();
         if self.names.first().is_none_or(|n| n != "t_s") {
             let first = self.names.first().map_or("", String::as_str);
-            wrong.push(format!("{}: row 1: the first column is `{first}`, must be `t_s` (time in s)", self.file));
+            let separated = first.contains([';', '\t']);
+            let what = match first {
+                "" => "the file is empty or has no header; it must begin with the names of its columns, `t_s` first"
+                    .to_owned(),
+                _ if separated => format!("`{first}` is one cell: separate cells by commas, with points in numbers"),
+                _ => format!("the first column is `{first}`, must be `t_s` (time in s)"),
+            };
+            wrong.push(format!("{}: row 1: {what}", self.file));
         }
         for (i, name) in self.names.iter().enumerate() {
             if self.names[..i].contains(name) {
@@ -135,7 +142,9 @@ impl Table {
         let Some(index) = self.names.iter().position(|n| n == name) else {
             let has = self.names.join(", ");
             let file = &self.file;
-            return Err(vec![format!("{file}: column `{name}` is missing; the rig names it, the file has: {has}")]);
+            return Err(vec![format!(
+                "{file}: row 1: column `{name}` is missing; the file has: {has}; name one of these in rig.toml"
+            )]);
         };
         let mut wrong = Vec::new();
         let mut numbers = Vec::with_capacity(self.rows.len());
@@ -153,6 +162,11 @@ impl Table {
             }
         }
         if wrong.is_empty() { Ok(numbers) } else { Err(shortened(wrong)) }
+    }
+
+    /// The complaint about a table that is too short.
+    pub(super) fn too_few(&self, least: usize) -> String {
+        format!("{}: has {} rows, at least {least} are needed: record some seconds", self.file, self.len())
     }
 
     /// Complaints about instants that do not increase.

@@ -40,7 +40,7 @@ fn edited(edit: impl Fn(&mut Vec<[String; 3]>)) -> String {
 
 #[test]
 fn what_cannot_be_used_is_refused_with_file_row_column_and_remedy() {
-    let cases: [(&str, String, &[&str]); 9] = [
+    let cases: [(&str, String, &[&str]); 12] = [
         ("missing column", text("t_s,u,angle", &rows()), &["a.csv", "`q_rad` is missing", "t_s, u, angle"]),
         ("unsorted time", edited(|r| r.swap(10, 11)), &["a.csv", "row 13", "`t_s`", "goes back", "sort the rows"]),
         ("repeated time", edited(|r| r[5][0] = r[4][0].clone()), &["row 7", "`t_s`", "is repeated", "drop doubles"]),
@@ -49,6 +49,9 @@ fn what_cannot_be_used_is_refused_with_file_row_column_and_remedy() {
         ("text", edited(|r| r[3][2] = "0,5".into()), &["row 5", "has 4 cells, the header has 3"]),
         ("no input", edited(|r| r[8][1] = String::new()), &["row 10", "`u`", "empty, needs a number"]),
         ("no rows", text("t_s,u,q_rad", &rows()[..1]), &["a.csv", "1 rows of data, at least 2"]),
+        ("few rows", text("t_s,u,q_rad", &rows()[..5]), &["a.csv", "5 rows, at least 10", "record some seconds"]),
+        ("semicolons", edited(|_| {}).replace(',', ";"), &["a.csv: row 1", "one cell", "by commas"]),
+        ("empty file", String::new(), &["a.csv: row 1", "empty"]),
         ("no time", text("time,u,q_rad", &rows()), &["row 1", "`time`, must be `t_s`"]),
     ];
     for (what, csv, said) in cases {
@@ -73,13 +76,22 @@ fn what_is_only_suspicious_is_told_and_the_work_goes_on() {
             row[2] = format!("{:.6}", f64::from(x >> 8) * 1e-10);
         }
     };
-    let cases: [(&str, String, &[&str]); 7] = [
-        ("gap", edited(|r| drop(r.drain(50..90))), &["a.csv", "a gap of 0.41", "t = 0.49", "held over it"]),
+    let cases: [(&str, String, &[&str]); 8] = [
+        (
+            "gap",
+            edited(|r| drop(r.drain(50..90))),
+            &["a.csv: row 51", "a gap of 0.41", "t = 0.49", "held over it; if it changed", "cut the file"],
+        ),
         ("constant sensor", edited(scaled(0.0)), &["a.csv", "`q_rad` never changes", "connected"]),
         ("constant input", edited(|r| r.iter_mut().for_each(|x| x[1] = "1".into())), &["`u` is constant", "excites"]),
         ("degrees", edited(scaled(57.3)), &["a.csv", "`q_rad` runs from", "degrees, convert to rad"]),
         ("too short", text("t_s,u,q_rad", &rows()[..20]), &["only 20 rows", "record some seconds"]),
         ("unexcited", edited(noise), &["`q_rad` hardly leaves its noise", "record larger motion"]),
+        (
+            "milliseconds",
+            edited(|r| r.iter_mut().for_each(|x| x[0] = x[0].replace('.', ""))),
+            &["`t_s` steps by 1", "divide by 1000"],
+        ),
         ("no sample", edited(|r| r.iter_mut().for_each(|x| x[2] = String::new())), &["`q_rad` has no sample at all"]),
     ];
     for (what, csv, said) in cases {

@@ -17,6 +17,7 @@ const DEGREES_LEG_RAD: f64 = 3.2;
 /// One line each: what, where, remedy.
 pub(super) fn warnings(rig: &Rig, recording: &Recording) -> Vec<String> {
     let mut out = Vec::new();
+    out.extend(slow_clock(recording));
     out.extend(gaps(recording));
     if recording.len() < SHORT_ROWS {
         let (name, rows) = (&recording.name, recording.len());
@@ -74,6 +75,17 @@ fn looks_like_degrees(mechanism: MechanismKind, low: f64, high: f64) -> bool {
     }
 }
 
+/// Rows usually this far apart show no motion of a robot, s.
+const SLOW_S: f64 = 0.5;
+
+fn slow_clock(recording: &Recording) -> Option<String> {
+    let (first, last) = (recording.times.first()?, recording.times.last()?);
+    let mean = (last - first) / (recording.len().max(2) - 1) as f64;
+    let name = &recording.name;
+    (mean > SLOW_S)
+        .then(|| format!("{name}: column `t_s` steps by {mean:.3} s: if these are milliseconds, divide by 1000"))
+}
+
 fn gaps(recording: &Recording) -> Option<String> {
     let mut steps: Vec<f64> = recording.times.windows(2).map(|p| p[1] - p[0]).collect();
     let longest = steps.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -81,7 +93,11 @@ fn gaps(recording: &Recording) -> Option<String> {
     let median = steps.get(steps.len() / 2)?;
     (longest.1 > GAP * median).then(|| {
         let t = recording.times[longest.0];
-        let (name, gap) = (&recording.name, longest.1);
-        format!("{name}: a gap of {gap:.4} s after t = {t:.4} s (usual step {median:.4} s): the input is held over it")
+        // As an editor counts: the header is row 1.
+        let (name, gap, row) = (&recording.name, longest.1, longest.0 + 2);
+        format!(
+            "{name}: row {row}, column `t_s`: a gap of {gap:.4} s after t = {t:.4} s (usual step {median:.4} s): the input \
+             is held over it; if it changed meanwhile, cut the file in two there"
+        )
     })
 }

@@ -15,15 +15,21 @@ impl Pooled {
     /// Over these recordings, which should be those of one use.
     #[must_use]
     pub fn of<'a>(rig: &Rig, recordings: impl Iterator<Item = &'a Recording>) -> Self {
-        let mut sums = vec![(0.0, 0.0); rig.sensors.len()];
+        let mut sums = vec![(0.0, 0.0, 0.0_f64); rig.sensors.len()];
         for recording in recordings {
             for (sum, samples) in sums.iter_mut().zip(&recording.measured) {
                 let (count, mean) = count_and_mean(samples);
                 sum.0 += count;
                 sum.1 += samples.iter().filter(|x| !x.is_nan()).map(|x| (x - mean) * (x - mean)).sum::<f64>();
+                sum.2 = samples.iter().filter(|x| !x.is_nan()).fold(sum.2, |most, x| most.max(x.abs()));
             }
         }
-        Self { std: sums.iter().map(|(count, squares)| libm::sqrt(squares / count)).collect() }
+        let std = |(count, squares, most): &(f64, f64, f64)| {
+            let std = libm::sqrt(squares / count);
+            // The mean of a constant is rounded: what it leaves is no spread.
+            if std <= ROUNDING * most { 0.0 } else { std }
+        };
+        Self { std: sums.iter().map(std).collect() }
     }
 
     /// Weight of each channel of a recording: 1 / std, or 0 where it has no samples or is only noise.
@@ -46,6 +52,9 @@ impl Pooled {
         channels.map(|((weight, y), p)| (*weight > 0.0).then(|| rmse(y, p) * weight)).collect()
     }
 }
+
+/// Relative rounding of a mean over many samples, with a margin.
+const ROUNDING: f64 = 1e-12;
 
 /// Root of the mean squared difference over the samples that exist.
 #[must_use]

@@ -16,10 +16,12 @@ pub fn identification(found: &Identified) -> String {
 }
 
 fn head(found: &Identified) -> String {
+    let (first, rest) = super::first_sentence(&found.headline);
     format!(
-        "<header><div class=\"top\"><span><b>Compass</b> identification</span><span>{}</span></div><h1>{}</h1></header>",
+        "<header><div class=\"top\"><span><b>Compass</b> identification</span><span>{}</span></div><h1>{}</h1>{}</header>",
         escape(&found.rig),
-        escape(&found.headline)
+        escape(first),
+        super::paragraph(rest)
     )
 }
 
@@ -27,21 +29,24 @@ fn head(found: &Identified) -> String {
 fn drawings(found: &Identified) -> String {
     let mut figures: Vec<&Figure> = found.figures.iter().collect();
     figures.sort_by_key(|f| f.use_ != "heldout");
-    let drawn: String = figures
-        .iter()
-        .take(DRAWN)
-        .filter_map(|f| {
-            let trace = found.traces.iter().find(|t| t.recording == f.recording && t.channel == f.channel)?;
-            let never = if f.use_ == "heldout" { "never fitted" } else { "fitted" };
-            let caption = format!(
-                "{never}; error {} % as given, {} % fitted",
-                number(100.0 * f.nrmse_given),
-                number(100.0 * f.nrmse_refitted)
-            );
-            Some(signals::titled(trace, &caption))
-        })
-        .collect();
-    section("Does the simulation follow?", &format!("<div class=\"pair\">{drawn}</div>"))
+    let drawn = |(i, f): (usize, &&Figure)| {
+        let trace = found.traces.iter().find(|t| t.recording == f.recording && t.channel == f.channel)?;
+        // The first is wide enough for the legend.
+        Some(if i == 0 { signals::wide(trace, &caption(f)) } else { signals::titled(trace, &caption(f)) })
+    };
+    let mut drawn = figures.iter().enumerate().take(DRAWN).filter_map(drawn);
+    let lead = drawn.next().unwrap_or_default();
+    let none = "<p class=\"soft\">No recording was held out: a model is proved on data that it was not fitted to. Mark one \
+                recording <code>use = \"heldout\"</code>.</p>";
+    let note = if figures.iter().any(|f| f.use_ == "heldout") { "" } else { none };
+    let rest: String = drawn.collect();
+    section("Does the simulation follow?", &format!("{note}{lead}<div class=\"pair\">{rest}</div>"))
+}
+
+fn caption(f: &Figure) -> String {
+    let never = if f.use_ == "heldout" { "never fitted" } else { "fitted" };
+    let tell = |x: f64| if x.is_finite() { format!("{} %", number(100.0 * x)) } else { "ran away".to_owned() };
+    format!("{never}; error {} as given, {} fitted", tell(f.nrmse_given), tell(f.nrmse_refitted))
 }
 
 fn numbers(found: &Identified) -> String {

@@ -63,9 +63,7 @@ fn words(id: &str) -> String {
 fn head(findings: &Findings) -> String {
     let verdict = findings.diagnosis.verdict;
     let (class, meaning) = verdict_words(verdict);
-    // The first sentence is the headline, further ones are read below it. "0.5" has no blank behind its point.
-    let cut = findings.headline.find(". ").map_or(findings.headline.len(), |dot| dot + 1);
-    let (first, rest) = findings.headline.split_at(cut);
+    let (first, rest) = first_sentence(&findings.headline);
     let sentences: String = findings
         .diagnosis
         .missing
@@ -79,8 +77,17 @@ fn head(findings: &Findings) -> String {
          <p><span class=\"badge {class}\">{class}</span> {meaning}</p></header>",
         escape(&findings.rig),
         escape(first),
-        if rest.is_empty() { String::new() } else { format!("<p>{}</p>", escape(rest)) }
+        paragraph(rest)
     )
+}
+
+/// The first sentence is the headline, further ones are read below it. "0.5" has no blank behind its point.
+fn first_sentence(text: &str) -> (&str, &str) {
+    text.split_at(text.find(". ").map_or(text.len(), |dot| dot + 1))
+}
+
+fn paragraph(text: &str) -> String {
+    if text.is_empty() { String::new() } else { format!("<p>{}</p>", escape(text)) }
 }
 
 fn verdict_words(verdict: Verdict) -> (&'static str, &'static str) {

@@ -81,6 +81,13 @@ pub(super) fn titled(trace: &Trace, caption: &str) -> String {
     figure(&plot, caption)
 }
 
+/// The same over the whole page, with a legend.
+pub(super) fn wide(trace: &Trace, caption: &str) -> String {
+    let mut plot = overlay(trace, 860.0, 260.0);
+    plot.title = format!("{}, {}", trace.recording, trace.channel);
+    figure(&plot, caption)
+}
+
 /// Range that shows the measurement and what should follow it; a given simulation that runs away leaves the paper.
 fn range_of(signals: &[&[f64]]) -> [f64; 2] {
     let finite = signals.iter().flat_map(|signal| signal.iter()).filter(|v| v.is_finite());
