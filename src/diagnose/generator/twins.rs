@@ -61,6 +61,7 @@ pub(super) fn answers(lab: &Lab, truth: &Effect) -> Vec<(String, String)> {
 fn lookalikes(lab: &Lab, truth: &Effect) -> Vec<Effect> {
     let here = |id: &'static str| vec![(id, truth.index, truth.at.clone())];
     let on_ground = |id: &'static str| vec![(id, NONE, "ground".to_owned())];
+    let reading = |id: &'static str| vec![(id, 0, lab.rig.sensors[0].column.to_owned())];
     let walks = lab.rig.kind == Kind::Walker;
     let found = match truth.id {
         "transport_delay" => here("actuator_lag"),
@@ -70,13 +71,18 @@ fn lookalikes(lab: &Lab, truth: &Effect) -> Vec<Effect> {
         "stribeck_friction" => [here("quadratic_drag"), here("load_friction")].concat(),
         "quadratic_drag" | "load_friction" => here("stribeck_friction"),
         "parallel_spring" => here("torque_offset").into_iter().filter(|_| truth.index < lab.rig.joints.len()).collect(),
+        // On a rail without Coulomb friction a constant force is a constant speed more.
+        "torque_offset" | "friction_asymmetry" if lab.rig.joints.len() == 1 && !walks => reading("sensor_drift"),
+        "sensor_drift" if lab.rig.joints.len() == 1 && !walks => {
+            vec![("torque_offset", 0, lab.rig.joints[0].0.to_owned())]
+        }
         "backlash" => here("joint_elasticity"),
         "link_flexibility" if lab.rig.kind != Kind::Biped => here("joint_elasticity"),
         "joint_elasticity" if lab.rig.kind != Kind::Biped => here("link_flexibility"),
         "counterweight" if walks => on_ground("round_foot"),
         "round_foot" => on_ground("counterweight"),
         "sensor_bias" if walks => on_ground("ground_slope"),
-        "ground_slope" => vec![("sensor_bias", 0, lab.rig.sensors[0].column.to_owned())],
+        "ground_slope" => reading("sensor_bias"),
         "counterweight" => vec![("parallel_spring", lab.rig.stance(), ["inner", "outer"][lab.rig.stance()].to_owned())],
         _ => Vec::new(),
     };
