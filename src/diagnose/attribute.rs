@@ -7,9 +7,11 @@
 use crate::diagnose::belief::{believed, is_patched, simplest_first};
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::round::round;
-use crate::diagnose::tried::{Added, Context, Trial, left_out, removed};
+use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, removed};
 use crate::diagnose::unlisted::PATCHES;
+use crate::diagnose::valley::wandered;
 
 /// Most effects that are added.
 pub const MOST: usize = 4;
@@ -44,6 +46,19 @@ fn shaken_free(now: &Hypothesis, trial: &Trial, context: &Context) -> Option<Hyp
     let total = |h: &Hypothesis| -> f64 { h.blocks(&trial.hypothesis.noise).iter().sum() };
     let (before, after, with) = (total(now), total(&without), total(&trial.hypothesis));
     (after - before > NOT_ITS_OWN * (with - before)).then_some(without)
+}
+
+/// `trial` out of the false minimum that it may have come into, where more than noise stays; its gain over `now` follows.
+fn unstuck(now: &Hypothesis, mut trial: Trial, context: &Context, said: &mut impl FnMut(&str)) -> Trial {
+    if !is_misfit(&trial.hypothesis.residuals, &context.floors) {
+        return trial;
+    }
+    let Some(other) = wandered(&trial.hypothesis, context) else { return trial };
+    let better = compare(&other, &trial.hypothesis, context).total;
+    said(&format!("   {} was in a false minimum: {better:.0} better", trial.candidate.effect));
+    trial.gain = compare(&other, now, context).total;
+    trial.hypothesis = other;
+    trial
 }
 
 /// Forward selection from `base`.
@@ -81,7 +96,7 @@ pub fn forward(
             all.found = better;
             continue;
         }
-        let best = all.last.remove(i);
+        let best = unstuck(&all.found, all.last.remove(i), context, &mut said);
         explained += best.gain;
         let share = removed(&all.found, &best.hypothesis, context);
         let others = std::mem::take(&mut all.last);

@@ -37,4 +37,5 @@ pub mod tangent;
 pub mod trial;
 pub mod tried;
 pub mod unlisted;
+pub mod valley;
 pub mod verdict;

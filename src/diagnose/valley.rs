@@ -1,0 +1,122 @@
+//! Out of the false minima of a rough valley.
+//!
+//! With stick and slip over a long window the misfit is a valley with a floor full of steps: each time the number of
+//! swings before a stop changes, it jumps. Gauss-Newton, which knows the slope between two steps only, ends where it
+//! comes in (measured on a leg swinging for 28 s: friction a quarter too small, misfit a fifth too large, from whatever
+//! start and with growing horizons), and what comes next then seems to be missing. So the fit is tried again from afar:
+//! each number is moved both ways as far as the misfit is large, the others following as the linear model has it.
+//! RT: no.
+
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::white;
+use crate::diagnose::tried::Context;
+use crate::identify::fit::{FreeRuns, Limits, Point, cost, fit, present};
+use crate::identify::noise::Colour;
+use crate::identify::problem::Problem;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+/// Most numbers, initial states included: beyond, windows are short and many, and their valley is smooth.
+const MOST_NUMBERS: usize = 40;
+
+/// How far a number is moved: 1 is so far that the linear model would have the misfit double.
+const FAR: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
+
+/// Starts that are fitted from, of all that are looked at, and how far.
+const TAKEN_UP: usize = 6;
+const LOOK: Limits = Limits { iterations: 4, tolerance: 1e-4 };
+
+/// Most rounds, and the part of the misfit by which one must fall to be followed by another.
+const ROUNDS: usize = 4;
+const FALLS: f64 = 0.005;
+
+/// The fit from the best place found.
+const LAST: Limits = Limits { iterations: 10, tolerance: 1e-6 };
+
+/// `now` fitted again from the best place within reach. `None` where the valley is no such one, or nothing is better.
+#[must_use]
+pub fn wandered(now: &Hypothesis, context: &Context) -> Option<Hypothesis> {
+    let noise = white(&now.residuals, &context.floors);
+    let size = now.point.parameters.len() + now.point.states.iter().map(Vec::len).sum::<usize>();
+    if size > MOST_NUMBERS {
+        return None;
+    }
+    let first = cost(&now.problem, &now.point, &noise);
+    let (mut best, mut least) = (now.point.clone(), first);
+    for _ in 0..ROUNDS {
+        let Some((found, point)) = from_afar(&now.problem, &best, (least, size), &noise) else { break };
+        if found > (1.0 - FALLS) * least {
+            break;
+        }
+        (least, best) = (found, point);
+    }
+    if least >= first {
+        return None;
+    }
+    Hypothesis::fitted(now.problem.clone(), best, &noise, &context.floors, LAST)
+}
+
+/// The best of the fits from places around `at`, where the misfit is `least`.
+fn from_afar(problem: &Problem, at: &Point, (least, size): (f64, usize), noise: &[Colour]) -> Option<(f64, Point)> {
+    let metric = metric(problem, at, noise, size)?;
+    let steps = (0..at.parameters.len()).flat_map(|i| {
+        let row = metric.row(i).transpose();
+        let along = &metric * &row / row.norm().max(1e-300);
+        [along.clone(), -along].into_iter().flat_map(|step| FAR.map(|far| &step * (far * libm::sqrt(least))))
+    });
+    let places: Vec<Point> = steps.map(|step| moved(problem, at, &step)).collect();
+    let mut starts: Vec<(f64, Point)> = places.into_par_iter().map(|p| (cost(problem, &p, noise), p)).collect();
+    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    starts.truncate(TAKEN_UP);
+    let bounds = problem.bounds();
+    let one = |(_, start)| {
+        let done = fit(problem, start, &bounds, noise, LOOK);
+        (done.cost, done.point)
+    };
+    let fits: Vec<(f64, Point)> = starts.into_par_iter().map(one).collect();
+    fits.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+/// Steps of one unit of misfit each in every direction: the inverse root of the normal matrix of all numbers.
+fn metric(problem: &Problem, at: &Point, noise: &[Colour], size: usize) -> Option<DMatrix<f64>> {
+    let shared = at.parameters.len();
+    let mut normal = DMatrix::<f64>::zeros(size, size);
+    let mut first = shared;
+    for (w, state) in at.states.iter().enumerate() {
+        let index = |j: usize| if j < shared { j } else { first + j - shared };
+        let weights = noise.iter().map(|c| if c.sigma.is_finite() { 1.0 / (c.sigma * c.sigma) } else { 0.0 });
+        for (series, weight) in problem.run(w, &at.parameters, state, true)?.iter().zip(weights) {
+            let rows = present(series);
+            for (a, x) in series.slopes.iter().enumerate() {
+                for (b, y) in series.slopes.iter().enumerate() {
+                    normal[(index(a), index(b))] += weight * rows.iter().map(|k| x[*k] * y[*k]).sum::<f64>();
+                }
+            }
+        }
+        first += state.len();
+    }
+    let scale: Vec<f64> = normal.diagonal().iter().map(|d| if *d > 0.0 { 1.0 / libm::sqrt(*d) } else { 0.0 }).collect();
+    // A direction that hardly shows is not walked for miles.
+    let unit = |r: usize, c: usize| normal[(r, c)] * scale[r] * scale[c];
+    let eigen = DMatrix::from_fn(size, size, unit).symmetric_eigen();
+    let roots = eigen.eigenvalues.map(|x| 1.0 / libm::sqrt(x.max(1e-6)));
+    let inverse = &eigen.eigenvectors * DMatrix::from_diagonal(&roots);
+    Some(DMatrix::from_fn(size, size, |r, c| scale[r] * inverse[(r, c)]))
+}
+
+/// `from` moved by `step` (parameters, then the states of each window), within the bounds. A number that cannot be negative
+/// moves by factors: what hangs on a ratio (a frequency on gravity over inertia) then stays put however far both go.
+fn moved(problem: &Problem, from: &Point, step: &DVector<f64>) -> Point {
+    let mut next = from.clone();
+    let mut by = step.iter();
+    let numbers = problem.bounds().into_iter().zip(&problem.logarithmic);
+    for ((x, (bound, log)), d) in next.parameters.iter_mut().zip(numbers).zip(&mut by) {
+        let by_factor = !log && bound.min >= 0.0 && *x > 0.0;
+        *x = if by_factor { *x * libm::exp((d / *x).clamp(-1.0, 1.0)) } else { *x + d };
+        *x = x.clamp(bound.min, bound.max);
+    }
+    for (x, d) in next.states.iter_mut().flatten().zip(by) {
+        *x += d;
+    }
+    next
+}
