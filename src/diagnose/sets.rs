@@ -135,7 +135,10 @@ pub fn rejected(added: &[Added], last: &[Trial], context: &Context) -> Vec<Rejec
         let least = worth(context, trial.candidate.keys.len());
         push(
             trial,
-            format!("gains {:.0} in twice the log-likelihood; {least:.0} is the least that counts", trial.gain),
+            format!(
+                "gains {:.0} in twice the log-likelihood; {least:.0} is the least that counts",
+                trial.gain.max(0.0)
+            ),
         );
     }
     out

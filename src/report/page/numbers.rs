@@ -17,8 +17,8 @@ pub(super) fn candidates(findings: &Findings) -> String {
     }
     if !findings.ranking.is_empty() {
         let bars: Vec<Bar> = findings.ranking.iter().take(CANDIDATES).map(bar).collect();
-        body += "<p class=\"soft\">How much of the mismatch each candidate explains alone, everything else re-fitted with it. \
-                 Blue: in the answer.</p>";
+        body += "<p class=\"soft\">How much likelier each candidate alone makes the recordings (twice the rise of the \
+                 log-likelihood), everything else re-fitted with it. Blue: in the answer.</p>";
         body += &format!("<figure>{}</figure>", ranking(&bars, 860.0));
     }
     if !findings.diagnosis.rejected.is_empty() {
@@ -29,14 +29,12 @@ pub(super) fn candidates(findings: &Findings) -> String {
 }
 
 fn bar(candidate: &Ranked) -> Bar {
+    // The part of the misfit counts noise as well: beside a small misfit even a useless candidate would show a bar.
+    let part = format!(", explains {} %", number((100.0 * candidate.explained).round()));
     Bar {
         name: format!("{} at {}", words(&candidate.effect), candidate.at),
-        value: candidate.explained,
-        text: format!(
-            "{} %   2Δ ln L {}",
-            number((100.0 * candidate.explained).round()),
-            number(candidate.gain.round())
-        ),
+        value: candidate.gain.max(0.0),
+        text: number(candidate.gain.max(0.0).round()) + if candidate.chosen { &part } else { "" },
         tone: if candidate.chosen { Tone::Explained } else { Tone::Given },
     }
 }

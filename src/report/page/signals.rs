@@ -48,6 +48,9 @@ fn trace_of<'a>(findings: &'a Findings, row: &Figure) -> Option<&'a Trace> {
 fn cards(row: &Figure) -> String {
     let card = |class: &str, name: &str, value: f64| {
         let text = if value.is_finite() { format!("{} %", number(100.0 * value)) } else { "ran away".to_owned() };
+        // To the bit: nothing was added.
+        let nothing = class == "e" && value.to_bits() == row.nrmse_refitted.to_bits();
+        let text = if nothing { "nothing added".to_owned() } else { text };
         format!("<div class=\"card {class}\"><div class=\"k\">error, {name}</div><div class=\"v\">{text}</div></div>")
     };
     format!(
