@@ -52,6 +52,10 @@ pub fn information(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option
         pairs.map(|(series, colour)| Channel::of(series, colour, block)).collect()
     };
     let windows: Vec<Vec<Channel>> = windows.into_par_iter().map(sums).collect();
+    // Decompositions do not end on numbers that are not finite: a derivative at a corner may be none.
+    if !windows.iter().flatten().all(Channel::is_finite) {
+        return None;
+    }
     let factors: Vec<(f64, f64)> = (0..noise.len()).map(|c| robust_factors(&windows, c)).collect();
     let (mut total, mut scores) = (DMatrix::zeros(shared, shared), Vec::new());
     for channels in &windows {
@@ -69,6 +73,10 @@ pub fn information(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option
 const LEAST_LEFT: f64 = 0.25;
 
 impl Channel {
+    fn is_finite(&self) -> bool {
+        self.square.iter().chain(self.blocks.iter().flat_map(|b| b.iter())).all(|x| x.is_finite())
+    }
+
     fn of(mut series: Series, colour: &Colour, block: usize) -> Self {
         let n = series.slopes.len();
         let mut out = Self {

@@ -108,6 +108,21 @@ fn intervals_nearly_hold_although_the_fit_takes_slow_errors_for_white_noise() {
 }
 
 #[test]
+fn a_slope_that_is_no_number_gives_no_information() {
+    struct Corner;
+    impl FreeRuns for Corner {
+        fn windows(&self) -> usize {
+            1
+        }
+        fn run(&self, _: usize, _: &[f64], _: &[f64], _: bool) -> Option<Vec<Series>> {
+            Some(vec![Series { residual: vec![0.1; 50], slopes: vec![vec![f64::NAN; 50]] }])
+        }
+    }
+    let at = Point { parameters: vec![0.0], states: vec![Vec::new()] };
+    assert!(information(&Corner, &at, &[Colour::white(1.0)]).is_none());
+}
+
+#[test]
 fn a_number_without_effect_has_no_information_and_spoils_no_other() {
     struct Blind;
     impl FreeRuns for Blind {
