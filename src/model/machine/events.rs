@@ -32,7 +32,7 @@ pub(super) enum Guard {
 
 /// Events in one substep; beyond that (chatter at a point of rest) the step is taken as it is.
 const MOST_EVENTS: usize = 24;
-/// Iterations of the search for an event; bisection alone would need 40.
+/// Iterations of the search for an event; some ten are usual, bisection alone would need 40.
 const MOST_ITERATIONS: usize = 60;
 /// An event is located to this, s: far below what any sample sees, above the rounding of a step.
 const TIME_TOLERANCE_S: f64 = 1e-13;
@@ -144,40 +144,22 @@ impl<S: Scalar> Machine<S> {
 
     /// Fraction of `h` after which the first guard breaks, and which. `end` holds a broken state.
     fn locate(&mut self, h: S) -> (f64, Guard) {
-        let (mut low, mut high) = (0.0_f64, 1.0_f64);
         let mut guard = self.first_violated(h);
-        let mut last = guard;
-        let mut value_high = self.guard_value(guard);
-        let mut value_low: Option<f64> = None;
-        for i in 0..MOST_ITERATIONS {
-            if (high - low) * h.value() <= TIME_TOLERANCE_S {
-                break;
-            }
-            let middle = 0.5 * (low + high);
-            // Secant on the same guard, every third time plain halving so that the bracket must shrink.
-            let trial = match (value_low, value_high) {
-                (Some(a), Some(b)) if i % 3 != 2 && a > 0.0 && b < 0.0 => secant(low, high, a, b),
-                _ => middle,
-            };
+        let mut bracket = Bracket::new(self.guard_value(guard), TIME_TOLERANCE_S / h.value());
+        for _ in 0..MOST_ITERATIONS {
+            let Some(trial) = bracket.next() else { break };
             self.rk4(h * trial);
             let broken = self.first_violated(h * trial);
-            if broken.is_some() {
-                high = trial;
+            if broken.is_some() && broken != guard {
                 guard = broken;
-                value_high = self.guard_value(guard);
-                if guard != last {
-                    value_low = None;
-                    last = guard;
-                }
-            } else {
-                low = trial;
-                value_low = self.guard_value(guard);
+                bracket.forget();
             }
+            bracket.narrow(trial, broken.is_some(), self.guard_value(guard));
         }
-        (high, guard.unwrap_or(Guard::Stop(0)))
+        (bracket.high, guard.unwrap_or(Guard::Stop(0)))
     }
 
-    /// Value of a guard that looks at the state alone.
+    /// Value of a guard at `end`, after [`Self::first_violated`] there.
     fn guard_value(&self, guard: Option<Guard>) -> Option<f64> {
         match guard? {
             Guard::Stop(i) => Some(self.plant.grips[i].direction() * self.plant.axes[i].row.value_of(&self.end.v)),
@@ -188,7 +170,7 @@ impl<S: Scalar> Machine<S> {
             Guard::Touchdown => self.plant.touchdown_guard(&self.end),
             Guard::Land => self.plant.landing_guard(&self.end),
             Guard::SlideStop => self.plant.slide_guard(&self.end),
-            Guard::Release(_) | Guard::Part(_) | Guard::SlideStart | Guard::LiftOff => None,
+            of_forces => self.force_guards().find(|(g, _)| *g == of_forces).map(|(_, value)| value),
         }
     }
 
@@ -356,10 +338,117 @@ const OFF_GUARD: f64 = 1e-6;
 /// Relative slack of a force against its limit.
 const ROUNDING: f64 = 1e-10;
 
-/// Zero of the straight line, kept off the ends of the bracket.
-fn secant(low: f64, high: f64, a: f64, b: f64) -> f64 {
-    let x = low + (high - low) * a / (a - b);
-    let margin = 1e-3 * (high - low);
-    // Lands just beyond the zero, so that the bracket shrinks from above as well.
-    (x + 1e-9 * (high - low)).clamp(low + margin * 1e-6, high - margin * 1e-6)
+/// Where a guard breaks, as fractions of a step: whole below, broken above.
+///
+/// The chord between both ends; an end that stays twice counts half (the Illinois rule: some eight evaluations to the
+/// last digit, where the plain chord creeps from one side); halving where a value is missing or the chord is slow.
+struct Bracket {
+    low: f64,
+    high: f64,
+    value_low: Option<f64>,
+    value_high: Option<f64>,
+    /// Which end moved last: true for the high one.
+    moved_high: Option<bool>,
+    least: f64,
+    /// Trials since the bracket was last halved, and its width then.
+    slow: u32,
+    width: f64,
+    /// How often that took too long: the guard is no chord's matter then.
+    failed: u32,
+}
+
+/// Trials within which a bracket must have halved; and how often it may not.
+const PATIENCE: u32 = 3;
+
+impl Bracket {
+    const fn new(value_high: Option<f64>, least: f64) -> Self {
+        Self {
+            low: 0.0,
+            high: 1.0,
+            value_low: None,
+            value_high,
+            moved_high: None,
+            least,
+            slow: 0,
+            width: 1.0,
+            failed: 0,
+        }
+    }
+
+    /// The next fraction to look at; none if the bracket is narrow enough.
+    fn next(&self) -> Option<f64> {
+        let width = self.high - self.low;
+        if width <= self.least {
+            return None;
+        }
+        let middle = 0.5 * (self.low + self.high);
+        Some(match (self.value_low, self.value_high) {
+            (Some(a), Some(b)) if a > 0.0 && b < 0.0 && self.slow < PATIENCE && self.failed < PATIENCE => {
+                let margin = 0.5 * self.least;
+                (self.low + width * a / (a - b)).max(self.low + margin).min(self.high - margin)
+            }
+            _ => middle,
+        })
+    }
+
+    /// Another guard broke first: the values were of the old one.
+    fn forget(&mut self) {
+        (self.value_low, self.value_high, self.moved_high) = (None, None, None);
+    }
+
+    fn narrow(&mut self, at: f64, broken: bool, value: Option<f64>) {
+        let again = self.moved_high == Some(broken);
+        let (moved, kept) = if broken {
+            self.high = at;
+            (&mut self.value_high, &mut self.value_low)
+        } else {
+            self.low = at;
+            (&mut self.value_low, &mut self.value_high)
+        };
+        *moved = value;
+        if again {
+            *kept = kept.map(|x| 0.5 * x);
+        }
+        self.moved_high = Some(broken);
+        self.slow += 1;
+        if self.slow > PATIENCE {
+            self.failed += 1;
+        }
+        if self.high - self.low <= 0.5 * self.width {
+            (self.slow, self.width) = (0, self.high - self.low);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Evaluations until the zero of `guard` is bracketed to 1e-11 of the step, and where it is.
+    fn found(guard: impl Fn(f64) -> f64) -> (u32, f64) {
+        let mut bracket = Bracket::new(Some(guard(1.0)), 1e-11);
+        let mut evaluations = 0;
+        while let Some(at) = bracket.next() {
+            evaluations += 1;
+            bracket.narrow(at, guard(at) < 0.0, Some(guard(at)));
+        }
+        assert!(guard(bracket.high) < 0.0 && guard(bracket.low) >= 0.0 && bracket.high - bracket.low <= 1e-11);
+        (evaluations, bracket.high)
+    }
+
+    #[test]
+    fn a_smooth_guard_is_found_in_a_dozen_evaluations() {
+        for zero in [1e-6, 0.03, 0.5, 0.97, 1.0 - 1e-9] {
+            let (count, at) = found(|x| (zero - x) * (1.0 + 0.3 * x));
+            assert!((at - zero).abs() < 1e-10 && count <= 12, "{zero}: {count}");
+        }
+    }
+
+    #[test]
+    fn a_kinked_or_flat_guard_is_found_as_well() {
+        let (count, at) = found(|x| if x < 0.7 { 1e6 } else { 1e-3 * (0.7 - x) - 1e-12 });
+        assert!((at - 0.7).abs() < 1e-10 && count < 60, "{count}");
+        let (count, at) = found(|x| (0.4 - x).powi(5));
+        assert!((at - 0.4).abs() < 1e-2 && count < 60, "{count}");
+    }
 }
