@@ -3,6 +3,9 @@
 //! Each window of a recording is a free run from its own initial state. Its normal equations are reduced by a Schur
 //! complement to the parameters that all windows share (variable projection), so neither the number of windows nor
 //! the length of the recordings enters the size of the system that is solved.
+//!
+//! Derivatives cost some ten times what a run costs. Each linearisation therefore serves for several steps: after a step
+//! that kept its promise only the residual is new, and its gradient follows from the derivatives that are there.
 //! RT: no.
 
 use crate::identify::noise::{Colour, loss, weight};
@@ -97,6 +100,15 @@ struct Normal {
     gp: DVector<f64>,
     gx: DVector<f64>,
     cost: f64,
+    /// Per channel; without rows where it has no weight.
+    derivatives: Vec<Derivatives>,
+}
+
+/// Whitened derivatives of one channel at the rows that carry a sample.
+#[derive(Default)]
+struct Derivatives {
+    rows: Vec<usize>,
+    slopes: Vec<Vec<f64>>,
 }
 
 /// Normal equations of all windows, states eliminated.
@@ -114,8 +126,7 @@ pub fn present(series: &Series) -> Vec<usize> {
 }
 
 /// Sum of losses of one window's whitened residuals.
-#[must_use]
-pub fn cost_of(channels: &[Series], noise: &[Colour]) -> f64 {
+fn cost_of(channels: &[Series], noise: &[Colour]) -> f64 {
     let one = |(series, colour): (&Series, &Colour)| {
         if !has_weight(colour) {
             return 0.0;
@@ -135,8 +146,16 @@ fn has_weight(colour: &Colour) -> bool {
 fn normal(channels: Vec<Series>, noise: &[Colour], shared: usize, states: usize) -> Normal {
     let n = shared + states;
     let (mut h, mut g, mut cost) = (DMatrix::zeros(n, n), DVector::zeros(n), 0.0);
-    for (series, colour) in channels.into_iter().zip(noise).filter(|(_, c)| has_weight(c)) {
-        cost += accumulate(series, colour, &mut h, &mut g);
+    let mut derivatives = Vec::with_capacity(noise.len());
+    for (series, colour) in channels.into_iter().zip(noise) {
+        let mut kept = Derivatives::default();
+        if has_weight(colour) {
+            let residual;
+            (kept, residual) = whitened(series, colour);
+            cost += kept.gradient(&residual, &mut g);
+            kept.products(&residual, &mut h);
+        }
+        derivatives.push(kept);
     }
     Normal {
         pp: h.view((0, 0), (shared, shared)).into_owned(),
@@ -145,31 +164,47 @@ fn normal(channels: Vec<Series>, noise: &[Colour], shared: usize, states: usize)
         gp: g.rows(0, shared).into_owned(),
         gx: g.rows(shared, states).into_owned(),
         cost,
+        derivatives,
     }
 }
 
-/// Adds one channel to `J'WJ` and `J'We`; gives its cost.
-fn accumulate(mut series: Series, colour: &Colour, h: &mut DMatrix<f64>, g: &mut DVector<f64>) -> f64 {
+/// Derivatives and residual of a channel at the rows that carry a sample, whitened.
+fn whitened(mut series: Series, colour: &Colour) -> (Derivatives, Vec<f64>) {
     let rows = present(&series);
     colour.whiten(&mut series.residual, &rows);
     for slope in &mut series.slopes {
         colour.whiten(slope, &rows);
     }
-    let e: Vec<f64> = rows.iter().map(|k| series.residual[*k]).collect();
-    let w: Vec<f64> = e.iter().map(|x| weight(*x)).collect();
-    let j: Vec<Vec<f64>> = series.slopes.iter().map(|s| rows.iter().map(|k| s[*k]).collect()).collect();
-    for (a, ja) in j.iter().enumerate() {
-        let weighted: Vec<f64> = ja.iter().zip(&w).map(|(x, w)| x * w).collect();
-        g[a] += dot(&weighted, &e);
-        for (b, jb) in j.iter().enumerate().take(a + 1) {
-            let x = dot(&weighted, jb);
-            h[(a, b)] += x;
-            if a != b {
-                h[(b, a)] += x;
+    let pick = |s: &Vec<f64>| rows.iter().map(|k| s[*k]).collect();
+    let residual = pick(&series.residual);
+    let slopes = series.slopes.iter().map(pick).collect();
+    (Derivatives { rows, slopes }, residual)
+}
+
+impl Derivatives {
+    /// Adds `J'We` to `g`; gives the cost of the residual.
+    fn gradient(&self, residual: &[f64], g: &mut DVector<f64>) -> f64 {
+        let pull: Vec<f64> = residual.iter().map(|x| weight(*x) * x).collect();
+        for (a, slope) in self.slopes.iter().enumerate() {
+            g[a] += dot(slope, &pull);
+        }
+        residual.iter().map(|x| loss(*x)).sum()
+    }
+
+    /// Adds `J'WJ` to `h`.
+    fn products(&self, residual: &[f64], h: &mut DMatrix<f64>) {
+        let weights: Vec<f64> = residual.iter().map(|x| weight(*x)).collect();
+        for (a, slope) in self.slopes.iter().enumerate() {
+            let weighted: Vec<f64> = slope.iter().zip(&weights).map(|(x, w)| x * w).collect();
+            for (b, other) in self.slopes.iter().enumerate().take(a + 1) {
+                let x = dot(&weighted, other);
+                h[(a, b)] += x;
+                if a != b {
+                    h[(b, a)] += x;
+                }
             }
         }
     }
-    e.iter().map(|x| loss(*x)).sum()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -186,6 +221,21 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 impl Normal {
+    /// Gradient and cost of another residual, derivatives as they are.
+    fn renew(&mut self, channels: Vec<Series>, noise: &[Colour]) {
+        let (shared, states) = (self.gp.len(), self.gx.len());
+        let mut g = DVector::zeros(shared + states);
+        self.cost = 0.0;
+        for ((mut series, colour), kept) in channels.into_iter().zip(noise).zip(&self.derivatives) {
+            if has_weight(colour) {
+                colour.whiten(&mut series.residual, &kept.rows);
+                let residual: Vec<f64> = kept.rows.iter().map(|k| series.residual[*k]).collect();
+                self.cost += kept.gradient(&residual, &mut g);
+            }
+        }
+        (self.gp, self.gx) = (g.rows(0, shared).into_owned(), g.rows(shared, states).into_owned());
+    }
+
     /// `xx` with a ridge of `damping` times its diagonal, inverted; directions without effect stay put.
     fn states_inverse(&self, damping: f64) -> DMatrix<f64> {
         let mut a = self.xx.clone();
@@ -222,14 +272,16 @@ fn eliminated(windows: &[Normal], shared: usize, damping: f64) -> (DMatrix<f64>,
     (pp, gp)
 }
 
-/// Cost of all windows at a point; infinite if one leaves the finite numbers.
-pub fn cost(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> f64 {
+/// Residuals of all windows at a point and their cost; `None` if one leaves the finite numbers.
+fn looked(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option<(Vec<Vec<Series>>, f64)> {
     let one = |w: usize| {
-        runs.run(w, &at.parameters, &at.states[w], false).map_or(f64::INFINITY, |channels| cost_of(&channels, noise))
+        let channels = runs.run(w, &at.parameters, &at.states[w], false)?;
+        let cost = cost_of(&channels, noise);
+        Some((channels, cost))
     };
-    let costs: Vec<f64> = (0..runs.windows()).into_par_iter().map(one).collect();
-    let total: f64 = costs.iter().sum();
-    if total.is_finite() { total } else { f64::INFINITY }
+    let parts: Vec<(Vec<Series>, f64)> = (0..runs.windows()).into_par_iter().map(one).collect::<Option<_>>()?;
+    let total: f64 = parts.iter().map(|p| p.1).sum();
+    total.is_finite().then(|| (parts.into_iter().map(|p| p.0).collect(), total))
 }
 
 /// A step and the fall of cost that the linear model promises for it.
@@ -240,6 +292,12 @@ struct Step {
 }
 
 impl Reduced {
+    /// The same derivatives with another residual.
+    fn renew(&mut self, residuals: Vec<Vec<Series>>, noise: &[Colour]) {
+        self.windows.par_iter_mut().zip(residuals).for_each(|(window, channels)| window.renew(channels, noise));
+        self.cost = self.windows.iter().map(|w| w.cost).sum();
+    }
+
     /// Damped Gauss-Newton step within the bounds: parameters that would leave are held at their bound and the rest
     /// is solved again, so that the others make up for it.
     fn step(&self, at: &Point, bounds: &[Bound], damping: f64) -> Step {
@@ -317,47 +375,130 @@ fn moved(at: &Point, step: &Step, bounds: &[Bound]) -> Point {
     }
 }
 
+/// Most steps on one linearisation.
+const STEPS: usize = 4;
+
+/// A step that brings less than this part of its promise asks for new derivatives.
+const KEPT: f64 = 0.5;
+
+/// A fit of this tolerance or a coarser one may end on old derivatives; a finer one looks once more.
+const COARSE: f64 = 1e-4;
+
+/// Tries of a step on new derivatives, harder damped each time; on old ones the first must do.
+const TRIES: usize = 8;
+
+/// What became of a step.
+enum Taken {
+    /// It promises less than the tolerance.
+    Arrived,
+    /// No damping makes it fall.
+    Stalled,
+    /// It fell to `cost`; `kept`: by which part of what was promised.
+    Fell { to: Point, residuals: Vec<Vec<Series>>, cost: f64, kept: f64 },
+}
+
+/// Where a fit stands.
+struct Walk<'w, R> {
+    runs: &'w R,
+    bounds: &'w [Bound],
+    noise: &'w [Colour],
+    tolerance: f64,
+    at: Point,
+    best: f64,
+    damping: f64,
+}
+
+impl<R: FreeRuns> Walk<'_, R> {
+    fn step(&mut self, system: &Reduced, tries: usize) -> Taken {
+        for _ in 0..tries {
+            let step = system.step(&self.at, self.bounds, self.damping);
+            if step.promised <= self.least() {
+                return Taken::Arrived;
+            }
+            let to = moved(&self.at, &step, self.bounds);
+            if let Some((residuals, cost)) = looked(self.runs, &to, self.noise).filter(|(_, cost)| *cost < self.best) {
+                let kept = (self.best - cost) / step.promised;
+                self.damping = if kept > 0.7 { self.damping * 0.1 } else { self.damping }.max(1e-9);
+                return Taken::Fell { to, residuals, cost, kept };
+            }
+            self.damping = (self.damping * 10.0).min(1e6);
+        }
+        Taken::Stalled
+    }
+
+    fn least(&self) -> f64 {
+        self.tolerance * (1.0 + self.best)
+    }
+
+    /// Steps on one linearisation until it no longer serves, or the fit has ended.
+    fn descend(&mut self, system: &mut Reduced) -> Option<Outcome> {
+        let coarse = self.tolerance >= COARSE;
+        for taken in 0..STEPS {
+            let fresh = taken == 0;
+            match self.step(system, if fresh { TRIES } else { 1 }) {
+                Taken::Arrived => return (fresh || coarse).then_some(Outcome::Converged),
+                Taken::Stalled => return fresh.then_some(Outcome::Stalled),
+                Taken::Fell { to, residuals, cost, kept } => {
+                    let small = self.best - cost <= self.least();
+                    (self.at, self.best) = (to, cost);
+                    if small && (fresh || coarse) {
+                        return Some(Outcome::Converged);
+                    }
+                    if small || kept < KEPT {
+                        return None;
+                    }
+                    system.renew(residuals, self.noise);
+                }
+            }
+        }
+        None
+    }
+}
+
 /// Minimises the sum of losses from `start`. Deterministic: windows run in parallel, sums are taken in order.
 pub fn fit(runs: &impl FreeRuns, start: Point, bounds: &[Bound], noise: &[Colour], limits: Limits) -> Fit {
     let shared = start.parameters.len();
-    let mut at = start;
-    let mut damping = 1e-4;
     let mut information = DMatrix::zeros(shared, shared);
-    let (mut best, mut outcome, mut iterations) = (f64::INFINITY, Outcome::Infeasible, 0);
+    let (mut outcome, mut iterations) = (Outcome::Infeasible, 0);
+    let tolerance = limits.tolerance;
+    let mut walk = Walk { runs, bounds, noise, tolerance, at: start, best: f64::INFINITY, damping: 1e-4 };
     while iterations < limits.iterations {
-        let Some(system) = linearise(runs, &at, noise) else { break };
+        let Some(mut system) = linearise(runs, &walk.at, noise) else { break };
         iterations += 1;
-        best = system.cost;
-        let mut accepted = None;
-        for _ in 0..8 {
-            let step = system.step(&at, bounds, damping);
-            if step.promised <= limits.tolerance * (1.0 + best) {
-                accepted = Some((None, Outcome::Converged));
-                break;
-            }
-            let next = moved(&at, &step, bounds);
-            let value = cost(runs, &next, noise);
-            if value < best {
-                damping = if best - value > 0.7 * step.promised { damping * 0.1 } else { damping }.max(1e-9);
-                let small = best - value <= limits.tolerance * (1.0 + best);
-                best = value;
-                accepted = Some((Some(next), if small { Outcome::Converged } else { Outcome::IterationLimit }));
-                break;
-            }
-            damping = (damping * 10.0).min(1e6);
-        }
+        walk.best = system.cost;
+        let end = walk.descend(&mut system);
         information = system.pp;
-        let Some((next, how)) = accepted else {
-            outcome = Outcome::Stalled;
-            break;
-        };
-        at = next.unwrap_or(at);
-        outcome = how;
-        if how == Outcome::Converged {
+        outcome = end.unwrap_or(Outcome::IterationLimit);
+        if end.is_some() {
             break;
         }
     }
-    Fit { point: at, cost: best, information, outcome, iterations }
+    Fit { point: walk.at, cost: walk.best, information, outcome, iterations }
+}
+
+/// One window of many.
+struct One<'r, R> {
+    runs: &'r R,
+    window: usize,
+}
+
+impl<R: FreeRuns> FreeRuns for One<'_, R> {
+    fn windows(&self) -> usize {
+        1
+    }
+    fn run(&self, _: usize, parameters: &[f64], state: &[f64], slopes: bool) -> Option<Vec<Series>> {
+        self.runs.run(self.window, parameters, state, slopes)
+    }
+}
+
+/// Fits the initial states alone, no parameter being free. Each window for itself: one that sticks, or is chaotic, then
+/// neither damps nor holds up the others. A window whose run leaves the finite numbers keeps its start.
+pub fn fit_states(runs: &impl FreeRuns, start: Vec<Vec<f64>>, noise: &[Colour], limits: Limits) -> Vec<Vec<f64>> {
+    let one = |(window, state): (usize, Vec<f64>)| {
+        let start = Point { parameters: Vec::new(), states: vec![state] };
+        fit(&One { runs, window }, start, &[], noise, limits).point.states.swap_remove(0)
+    };
+    start.into_par_iter().enumerate().map(one).collect()
 }
 
 #[cfg(test)]
@@ -430,6 +571,50 @@ mod tests {
         for damping in [1e-9, 1e-4, 1e-2, 1.0] {
             assert!(system.step(&at, &bounds, damping).promised > 0.0, "{damping}");
         }
+    }
+
+    #[test]
+    fn old_derivatives_with_the_residual_of_the_same_point_give_the_same_equations() {
+        let (runs, noise) = (Decay::new(0.7, 0.05), [Colour::white(0.01)]);
+        let mut system = linearise(&runs, &start(), &noise).unwrap();
+        let (gp, gx, cost) = (system.windows[1].gp.clone(), system.windows[1].gx.clone(), system.cost);
+        let elsewhere = Point { parameters: vec![0.5, 0.1], states: start().states };
+        system.renew(looked(&runs, &elsewhere, &noise).unwrap().0, &noise);
+        assert!((&system.windows[1].gp - &gp).norm() > 0.1 * gp.norm());
+        let (residuals, there) = looked(&runs, &start(), &noise).unwrap();
+        system.renew(residuals, &noise);
+        assert_eq!((&system.windows[1].gp, &system.windows[1].gx), (&gp, &gx));
+        assert!((system.cost - cost).abs() < 1e-9 * cost && (there - cost).abs() < 1e-9 * cost);
+    }
+
+    #[test]
+    fn a_linearisation_serves_for_several_steps() {
+        let fine = Limits { iterations: 30, tolerance: 1e-9 };
+        let found = fit(&Decay::new(0.7, 0.05), start(), &WIDE, &[Colour::white(0.01)], fine);
+        // One step on each takes seven.
+        assert!(found.outcome == Outcome::Converged && found.iterations <= 4, "{}", found.iterations);
+    }
+
+    /// `y = x0 + 0.05 sin(40 x0)` against 0 in each of two windows: the second is a maze, the first is plain.
+    struct Maze;
+
+    impl FreeRuns for Maze {
+        fn windows(&self) -> usize {
+            2
+        }
+        fn run(&self, w: usize, _: &[f64], x: &[f64], _: bool) -> Option<Vec<Series>> {
+            let bend = if w == 1 { 0.05 } else { 0.0 };
+            let y = x[0] + bend * libm::sin(40.0 * x[0]);
+            let slope = 1.0 + 40.0 * bend * libm::cos(40.0 * x[0]);
+            Some(vec![Series { residual: vec![y; 20], slopes: vec![vec![slope; 20]] }])
+        }
+    }
+
+    #[test]
+    fn states_of_a_plain_window_arrive_whatever_its_neighbour_does() {
+        let limits = Limits { iterations: 2, tolerance: 1e-6 };
+        let states = fit_states(&Maze, vec![vec![1.0], vec![1.0]], &[Colour::white(0.01)], limits);
+        assert!(states[0][0].abs() < 1e-3, "{states:?}");
     }
 
     #[test]
