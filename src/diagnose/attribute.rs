@@ -12,6 +12,7 @@ use crate::diagnose::round::round;
 use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, removed};
 use crate::diagnose::unlisted::PATCHES;
 use crate::diagnose::valley::wandered;
+use std::cell::OnceCell;
 
 /// Most effects that are added.
 pub const MOST: usize = 4;
@@ -80,8 +81,9 @@ pub fn forward(
             return all;
         }
         simplest_first(&mut all.last);
-        let asked = 0..all.last.len().min(TRIED);
-        let Some(i) = asked.into_iter().find(|i| believed(&all.found, &all.last[*i], explained, context, &mut said))
+        let left_out = OnceCell::new();
+        let mut asked = 0..all.last.len().min(TRIED);
+        let Some(i) = asked.find(|i| believed(&all.found, &left_out, &all.last[*i], explained, context, &mut said))
         else {
             return all;
         };

@@ -5,7 +5,7 @@
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::white;
 use crate::identify::experiment::{Experiment, Recording};
-use crate::identify::fit::{Limits, Point, fit};
+use crate::identify::fit::{Limits, Point, fit, fit_states};
 use crate::identify::noise::{Colour, median_abs};
 use crate::identify::problem::Problem;
 use crate::identify::rollout::Pooled;
@@ -53,7 +53,7 @@ pub fn fitted(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f6
     if direct.as_ref().is_some_and(|d| misfit(d, pooled, floors) < GOOD) {
         return direct;
     }
-    let grown = settled(&full.with_rig(grown(&full, &rough)), &rough, floors);
+    let grown = grown(&full, &rough).and_then(|rig| settled(&full.with_rig(rig), &rough, floors));
     match (grown, direct) {
         (Some(a), Some(b)) => Some(if a.likelihood >= b.likelihood { a } else { b }),
         (a, b) => a.or(b),
@@ -75,17 +75,18 @@ fn rough(pooled: &Pooled, floors: &[f64]) -> Vec<Colour> {
     pooled.std.iter().zip(floors).map(one).collect()
 }
 
-/// The rig after fits on horizons that grow.
-fn grown(full: &Problem, rough: &[Colour]) -> Rig {
+/// The rig after fits on horizons that grow; `None` where the windows are shorter than any of them.
+fn grown(full: &Problem, rough: &[Colour]) -> Option<Rig> {
+    let horizons: Vec<f64> = HORIZONS_S.into_iter().filter(|h| *h < 0.8 * full.longest_s()).collect();
     let mut start = full.rig.clone();
-    for horizon_s in HORIZONS_S.into_iter().filter(|h| *h < 0.8 * full.longest_s()) {
-        let problem = full.with_rig(start.clone()).with_horizon(horizon_s);
+    for horizon_s in &horizons {
+        let problem = full.with_rig(start.clone()).with_horizon(*horizon_s);
         let stage = fit(&problem, problem.start(), &problem.bounds(), rough, Limits { iterations: 6, tolerance: 1e-3 });
         if stage.cost.is_finite() {
             start = problem.rig_at(&stage.point.parameters);
         }
     }
-    start
+    (!horizons.is_empty()).then_some(start)
 }
 
 /// Full-horizon fit: initial states first, then everything; the noise follows the residual.
@@ -113,10 +114,8 @@ pub fn as_given(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[
 
 /// Fits initial states with all shared numbers held.
 fn states_only(problem: &Problem, start: Point, noise: &[Colour], floors: &[f64]) -> Option<Hypothesis> {
-    let held = Problem::new(known(&problem.rig), problem.recordings.clone());
-    let from = Point { parameters: Vec::new(), states: start.states };
-    let done = fit(&held, from, &[], noise, Limits { iterations: 12, tolerance: 1e-5 });
-    let states = done.point.states;
+    let held = problem.with_rig(known(&problem.rig));
+    let states = fit_states(&held, start.states, noise, Limits { iterations: 12, tolerance: 1e-4 });
     let n = start.parameters.len();
     Hypothesis::at(problem.clone(), Point { parameters: start.parameters, states }, DMatrix::zeros(n, n), floors)
 }

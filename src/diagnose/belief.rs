@@ -3,13 +3,14 @@
 //! RT: no.
 
 use crate::diagnose::candidates::Candidate;
-use crate::diagnose::folds::kept_when_left_out;
+use crate::diagnose::folds::LeftOut;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::tried::{Context, Trial, at_zero, compare, worth};
 use crate::diagnose::unlisted::is_patch;
 use crate::model::effect::EffectKind;
 use crate::model::rig::Sensor;
+use std::cell::OnceCell;
 
 /// Least gain of a further effect, in parts of what those before it gained.
 const SHARE: f64 = 0.04;
@@ -62,9 +63,10 @@ pub fn is_patched(now: &Hypothesis, candidate: &Candidate) -> bool {
     EffectKind::from_id(candidate.effect).is_some_and(|kind| is_patch(&now.rig, kind))
 }
 
-/// True if `trial` is worth it and holds on recordings that it was not fitted to.
+/// True if `trial` is worth it and holds on recordings that it was not fitted to. `left_out`: of `now`, made when needed.
 pub fn believed(
     now: &Hypothesis,
+    left_out: &OnceCell<Option<LeftOut>>,
     trial: &Trial,
     explained: f64,
     context: &Context,
@@ -73,7 +75,8 @@ pub fn believed(
     if !is_worth(now, trial, explained, context) {
         return false;
     }
-    let Some(kept) = kept_when_left_out(now, &trial.hypothesis, &context.floors) else { return true };
+    let left_out = left_out.get_or_init(|| LeftOut::of(now, &context.floors)).as_ref();
+    let Some(kept) = left_out.and_then(|l| l.kept_by(&trial.hypothesis, &context.floors)) else { return true };
     said(&format!("   {} keeps {:.2} of its gain on recordings left out", trial.candidate.effect, kept));
     kept >= LEAST_KEPT || trial.candidate.only.is_some()
 }

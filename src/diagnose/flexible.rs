@@ -7,7 +7,7 @@
 
 use crate::diagnose::candidates::JointScale;
 use crate::diagnose::scan::Hit;
-use crate::diagnose::screen::{Column, Screen};
+use crate::diagnose::screen::{Column, Own, Screen};
 use crate::diagnose::tangent::Tangent;
 use rayon::prelude::*;
 
@@ -23,8 +23,7 @@ const DAMPINGS: [f64; 2] = [0.02, 0.08];
 /// Starts that are handed on.
 const STARTS: usize = 3;
 
-/// Frequency and damping of the best modes at `joint`, best first, well apart; amplitudes: the share, then what rings
-/// from before. `absolute`: coordinates whose sum is the link's angle in space.
+/// Frequency and damping of the best modes at `joint`, best first, well apart; the amplitude is the share. `absolute`: coordinates whose sum is the link's angle in space.
 #[must_use]
 pub fn flexibility(
     screen: &Screen,
@@ -37,7 +36,10 @@ pub fn flexibility(
     let count = (libm::log(highest / LOWEST_HZ) / libm::log(RATIO)).max(0.0) as usize;
     let grid: Vec<(f64, f64)> =
         (0..=count).flat_map(|i| DAMPINGS.map(|z| (LOWEST_HZ * libm::pow(RATIO, i as f64), z))).collect();
-    let one = |at: &(f64, f64)| Hit { at: *at, score: screen.score(&columns(windows, joint.inertia, absolute, *at)) };
+    let one = |at: &(f64, f64)| {
+        let (driven, free) = responses(windows, joint.inertia, absolute, *at);
+        Hit { at: *at, score: screen.score_beside(&[driven], &free) }
+    };
     let mut hits: Vec<Hit<(f64, f64)>> = grid.par_iter().map(one).collect();
     hits.sort_by(|a, b| b.score.gain.total_cmp(&a.score.gain));
     let mut best: Vec<Hit<(f64, f64)>> = Vec::new();
@@ -50,8 +52,8 @@ pub fn flexibility(
     best
 }
 
-/// Response to a mode of unit share, then the free ringing of each window from unit deflection and from unit rate.
-fn columns(windows: &[Tangent], inertia: f64, absolute: &[usize], (hz, damping): (f64, f64)) -> Vec<Column> {
+/// Response to a mode of unit share; and the free ringing of each window, from unit deflection and from unit rate.
+fn responses(windows: &[Tangent], inertia: f64, absolute: &[usize], (hz, damping): (f64, f64)) -> (Column, Vec<Own>) {
     let omega = 2.0 * std::f64::consts::PI * hz;
     let felt = |w: &Tangent, start: [f64; 2], driven: bool| {
         let force: Vec<f64> =
@@ -60,15 +62,8 @@ fn columns(windows: &[Tangent], inertia: f64, absolute: &[usize], (hz, damping):
         let first = parts.next().unwrap_or_default();
         parts.fold(first, |sum, part| sum.iter().zip(&part).map(|(a, b)| added(a, b)).collect())
     };
-    let mut out: Vec<Column> = vec![windows.iter().map(|w| felt(w, [0.0, 0.0], true)).collect()];
-    for (w, window) in windows.iter().enumerate() {
-        for start in [[1.0, 0.0], [0.0, omega]] {
-            let mut column: Column = vec![Vec::new(); windows.len()];
-            column[w] = felt(window, start, false);
-            out.push(column);
-        }
-    }
-    out
+    let free = |w: &Tangent| [[1.0, 0.0], [0.0, omega]].map(|start| felt(w, start, false)).into();
+    (windows.iter().map(|w| felt(w, [0.0, 0.0], true)).collect(), windows.iter().map(free).collect())
 }
 
 fn added(a: &[f64], b: &[f64]) -> Vec<f64> {

@@ -7,8 +7,9 @@
 
 use crate::diagnose::base::known;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::likelihood::{blocks, white};
-use crate::identify::fit::{Limits, Point, fit};
+use crate::diagnose::likelihood::{blocks, samples, white};
+use crate::diagnose::thin::few;
+use crate::identify::fit::{Limits, Point, fit, fit_states};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use rayon::prelude::*;
@@ -19,26 +20,51 @@ const FOLDS: usize = 3;
 /// The fit to the rest starts at the fit to all: a few steps tell.
 const STEPS: Limits = Limits { iterations: 4, tolerance: 1e-4 };
 
-/// Part of the gain of `richer` over `plain` that is left when each recording is predicted from the others. Measured in
-/// squares of free-run errors (robust): that is what a user sees. `None` with one recording, or nothing to gain.
-#[must_use]
-pub fn kept_when_left_out(plain: &Hypothesis, richer: &Hypothesis, floors: &[f64]) -> Option<f64> {
-    let recordings = plain.problem.recordings.len();
-    if recordings < 2 {
-        return None;
+/// A model whose recordings are left out in turn: what any richer one is measured against.
+pub struct LeftOut {
+    plain: Hypothesis,
+    /// Windows that are looked at, if not all.
+    kept: Option<Vec<usize>>,
+    noise: Vec<Colour>,
+    /// What is left out, and the likelihood of `plain` there.
+    folds: Vec<(Vec<bool>, Option<f64>)>,
+}
+
+impl LeftOut {
+    /// `None` with one recording.
+    #[must_use]
+    pub fn of(plain: &Hypothesis, floors: &[f64]) -> Option<Self> {
+        let recordings = plain.problem.recordings.len();
+        if recordings < 2 {
+            return None;
+        }
+        let kept = few(&plain.problem, samples(&plain.residuals, floors));
+        let plain = kept.as_ref().map_or_else(|| plain.clone(), |kept| plain.on_windows(kept));
+        let noise = white(&plain.residuals, floors);
+        let count = recordings.min(FOLDS);
+        let one = |fold: usize| {
+            let out: Vec<bool> = (0..recordings).map(|r| r % count == fold).collect();
+            let there = predicted(&plain, &out, &noise, floors);
+            (out, there)
+        };
+        let folds = (0..count).into_par_iter().map(one).collect();
+        Some(Self { plain, kept, noise, folds })
     }
-    let noise = white(&plain.residuals, floors);
-    let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
-    let fitted = total(richer) - total(plain);
-    let folds = recordings.min(FOLDS);
-    let both = |fold: usize| {
-        let out: Vec<bool> = (0..recordings).map(|r| r % folds == fold).collect();
-        Some(predicted(richer, &out, &noise, floors)? - predicted(plain, &out, &noise, floors)?)
-    };
-    let gains: Vec<Option<f64>> = (0..folds).into_par_iter().map(both).collect();
-    // A model that cannot run on what was left out does not hold there.
-    let sum: f64 = gains.into_iter().map(|g| g.unwrap_or(-fitted.abs())).sum();
-    (fitted > 0.0).then(|| sum / fitted)
+
+    /// Part of the gain of `richer` over the plain model that is left when each recording is predicted from the others.
+    /// Measured in squares of free-run errors (robust): that is what a user sees. `None` if there is nothing to gain.
+    #[must_use]
+    pub fn kept_by(&self, richer: &Hypothesis, floors: &[f64]) -> Option<f64> {
+        let richer = self.kept.as_ref().map_or_else(|| richer.clone(), |kept| richer.on_windows(kept));
+        let total = |h: &Hypothesis| -> f64 { h.blocks(&self.noise).iter().sum() };
+        let fitted = total(&richer) - total(&self.plain);
+        let gain =
+            |(out, plain): &(Vec<bool>, Option<f64>)| Some(predicted(&richer, out, &self.noise, floors)? - (*plain)?);
+        let gains: Vec<Option<f64>> = self.folds.par_iter().map(gain).collect();
+        // A model that cannot run on what was left out does not hold there.
+        let sum: f64 = gains.into_iter().map(|g| g.unwrap_or(-fitted.abs())).sum();
+        (fitted > 0.0).then(|| sum / fitted)
+    }
 }
 
 /// Twice the log-likelihood of the recordings in `out` under a model that was fitted to the others.
@@ -50,19 +76,15 @@ fn predicted(of: &Hypothesis, out: &[bool], noise: &[Colour], floors: &[f64]) ->
     let shared = fit(&rest, at, &bounds, &own, STEPS).point.parameters;
     let (left, at) = part(of, |r| out[r]);
     let rig = left.rig_at(&shared);
-    let held = Problem { fidelity: left.fidelity, ..Problem::new(known(&rig), left.recordings.clone()) };
-    let start = Point { parameters: Vec::new(), states: at.states };
-    let done = fit(&held, start, &[], &own, STEPS);
-    let residuals = held.residuals(&done.point)?;
+    let held = left.with_rig(known(&rig));
+    let states = fit_states(&held, at.states, &own, STEPS);
+    let residuals = held.residuals(&Point { parameters: Vec::new(), states })?;
     Some(blocks(&residuals, noise).iter().sum())
 }
 
 /// The problem on some of the recordings, and where it stands.
 fn part(of: &Hypothesis, wanted: impl Fn(usize) -> bool) -> (Problem, Point) {
-    let all = &of.problem;
-    let recordings = all.recordings.iter().enumerate().filter(|(r, _)| wanted(*r)).map(|(_, x)| x.clone()).collect();
-    let problem = Problem { fidelity: all.fidelity, ..Problem::new(all.rig.clone(), recordings) };
-    let states = all.windows.iter().zip(&of.point.states).filter(|((r, _), _)| wanted(*r));
-    let states = states.map(|(_, s)| s.clone()).collect();
-    (problem, Point { parameters: of.point.parameters.clone(), states })
+    let kept: Vec<usize> = (0..of.problem.windows.len()).filter(|w| wanted(of.problem.windows[*w].0)).collect();
+    let states = kept.iter().map(|w| of.point.states[*w].clone()).collect();
+    (of.problem.on_windows(&kept), Point { parameters: of.point.parameters.clone(), states })
 }

@@ -73,6 +73,23 @@ impl Hypothesis {
         blocks(&self.residuals, noise)
     }
 
+    /// The same on some of the windows.
+    #[must_use]
+    pub fn on_windows(&self, kept: &[usize]) -> Self {
+        let residuals: Residuals =
+            self.residuals.iter().map(|runs| kept.iter().map(|w| runs[*w].clone()).collect()).collect();
+        let states = kept.iter().map(|w| self.point.states[*w].clone()).collect();
+        Self {
+            problem: self.problem.on_windows(kept),
+            point: Point { parameters: self.point.parameters.clone(), states },
+            likelihood: blocks(&residuals, &self.noise).iter().sum(),
+            residuals,
+            rig: self.rig.clone(),
+            noise: self.noise.clone(),
+            information: self.information.clone(),
+        }
+    }
+
     /// A problem for another rig (this one with an effect more or less), started where this one stands.
     #[must_use]
     pub fn extended(&self, rig: Rig) -> (Problem, Point) {

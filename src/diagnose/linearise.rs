@@ -10,6 +10,7 @@ use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::tangent::{InputMap, STATES, StateMap, StateRow, Tangent};
 use crate::identify::experiment::Recording;
 use crate::identify::rollout::{Readings, Rollout};
+use crate::identify::theta::Theta;
 use crate::model::effect::{EffectKind, SiteKind};
 use crate::model::machine::Machine;
 use crate::model::rig::{Effect, Rig, Scope, Sensor, Side, Slot, Value};
@@ -26,17 +27,22 @@ const LANES: usize = 8;
 pub fn tangents(of: &Hypothesis) -> Option<Vec<Tangent>> {
     let forces = with_forces(&rigid(&of.rig));
     let probe = probing(&of.rig);
-    (0..of.problem.windows.len()).into_par_iter().map(|w| tangent(of, &probe, &forces, w)).collect()
+    let blank = |recording: &Recording| {
+        (Setting::of(&probe, Some(recording.index), recording.setup), blanked(recording, probe.sensors.len()))
+    };
+    let blanks: Vec<(Setting, Recording)> = of.problem.recordings.iter().map(blank).collect();
+    (0..of.problem.windows.len()).into_par_iter().map(|w| tangent(of, &blanks, &forces, w)).collect()
 }
 
-fn tangent(of: &Hypothesis, probe: &Rig, forces: &Rig, window: usize) -> Option<Tangent> {
-    let (r, w) = of.problem.windows[window];
-    let recording = &of.problem.recordings[r];
-    let blank = blanked(recording, probe.sensors.len());
-    let rollout = Rollout::new(probe, &blank, of.problem.fidelity).ok()?;
-    let rows = rollout.windows()[w].clone();
+/// The tangent of one window. `blanks`: each recording without samples, with ideal sensors.
+fn tangent(of: &Hypothesis, blanks: &[(Setting, Recording)], forces: &Rig, window: usize) -> Option<Tangent> {
+    let r = of.problem.windows[window].0;
+    let (recording, rows) = (&of.problem.recordings[r], of.problem.spans[window].clone());
+    let (setting, blank) = &blanks[r];
+    let known = Theta { entries: Vec::new(), values: Vec::new() };
+    let rollout = Rollout::of_window(setting, &known, blank, rows.clone(), of.problem.fidelity);
     let mut readings = Readings::default();
-    rollout.simulate(w, &of.point.states[window], &mut readings).ok()?;
+    rollout.simulate(0, &of.point.states[window], &mut readings).ok()?;
     let states: Vec<Vec<f64>> = (0..rows.len()).map(|k| readings.channels.iter().map(|c| c[k]).collect()).collect();
     let mut stepper = Stepper::new(forces, recording, of.problem.fidelity.refine)?;
     let output = stepper.outputs();

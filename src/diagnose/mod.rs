@@ -34,6 +34,7 @@ pub mod sets;
 pub mod suspicion;
 pub mod tables;
 pub mod tangent;
+pub mod thin;
 pub mod trial;
 pub mod tried;
 pub mod unlisted;

@@ -27,6 +27,7 @@ use crate::identify::fit::Limits;
 use crate::identify::floor::complaints;
 use crate::identify::rollout::{Pooled, RolloutError, free_run};
 use crate::model::rig::{Rig, Use};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Why there is no answer.
@@ -120,7 +121,7 @@ pub(super) fn ready(experiment: &Experiment) -> Result<(Vec<Recording>, Pooled, 
 #[must_use]
 pub fn again(first: &Hypothesis, recordings: &[Recording], floors: &[f64]) -> Option<Hypothesis> {
     let mut problem = first.problem.clone();
-    problem.recordings = recordings.to_vec();
+    problem.recordings = Arc::new(recordings.to_vec());
     let noise = white(&first.residuals, floors);
     let now = Hypothesis::fitted(problem, first.point.clone(), &noise, floors, Limits::default())?;
     let finer = now.polished(&now.noise, floors, Limits { iterations: 8, tolerance: 1e-6 });

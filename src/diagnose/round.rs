@@ -7,7 +7,8 @@
 use crate::diagnose::candidates::{Candidate, look_alike};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{blocks, white};
-use crate::diagnose::screen::{Column, Screen};
+use crate::diagnose::screen::{Column, Own, Screen};
+use crate::diagnose::thin::{Thin, thinned};
 use crate::diagnose::tried::{Context, Trial, with_effect, worth};
 use crate::identify::fit::{FreeRuns, Limits, Series};
 use crate::identify::noise::Colour;
@@ -82,26 +83,21 @@ fn promised(
         (0..problem.windows()).map(|w| problem.run_along(w, &point, own, held(w))).collect::<Option<_>>()?;
     let of_problem = problem.bounds();
     let mine = problem.theta.entries.iter().enumerate().filter(|(_, entry)| own(entry.slot));
-    let mut bounds: Vec<(f64, f64)> =
+    let bounds: Vec<(f64, f64)> =
         mine.map(|(i, _)| (of_problem[i].min - point.parameters[i], of_problem[i].max - point.parameters[i])).collect();
     let mut columns: Vec<Column> = vec![moved(&runs, plain)];
     columns.extend((0..bounds.len()).map(|j| slopes(&runs, j)));
-    columns.extend(inner_states(&runs, bounds.len()));
-    bounds.resize(columns.len() - 1, (f64::NEG_INFINITY, f64::INFINITY));
-    Some(screen.promise(&columns, &bounds))
+    Some(screen.promise(&columns, &inner_states(&runs, bounds.len()), &bounds))
 }
 
-/// One column per inner state and window: every window has its own.
-fn inner_states(runs: &[Vec<Series>], shared: usize) -> Vec<Column> {
-    let mut out = Vec::new();
-    for (w, run) in runs.iter().enumerate() {
-        for j in shared..run.first().map_or(0, |s| s.slopes.len()) {
-            let mut column: Column = vec![Vec::new(); runs.len()];
-            column[w] = run.iter().map(|s| s.slopes[j].clone()).collect();
-            out.push(column);
-        }
+/// The inner states of each window, if there are any: every window has its own.
+fn inner_states(runs: &[Vec<Series>], shared: usize) -> Vec<Own> {
+    let count = |run: &Vec<Series>| run.first().map_or(0, |s| s.slopes.len());
+    if runs.iter().all(|run| count(run) <= shared) {
+        return Vec::new();
     }
-    out
+    let own = |run: &Vec<Series>, j: usize| run.iter().map(|s| s.slopes[j].clone()).collect();
+    runs.iter().map(|run| (shared..count(run)).map(|j| own(run, j)).collect()).collect()
 }
 
 /// By how much the start moves the simulation.
@@ -126,33 +122,58 @@ fn chosen<'c>(ranked: &[Ranked<'c>]) -> Vec<(&'c Candidate, Vec<f64>)> {
 #[must_use]
 pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context, mut said: impl FnMut(&str)) -> Vec<Trial> {
     let noise = white(&base.residuals, &context.floors);
-    let ranked = screened(base, library, &noise);
+    let thin = thinned(base, library, context);
+    let (few, rule) = thin.as_ref().map_or((base, context), |t| (&t.hypothesis, &t.context));
+    let look = thin.as_ref().map(|t| t.thinner(library));
+    let (fewer, least) = look.as_ref().map_or((few, rule), |t| (&t.hypothesis, &t.context));
+    let ranked = screened(fewer, library, &noise);
     // Nothing promises two fifths of what would count: a healthy machine is not worth a dozen fits.
-    if ranked.first().is_none_or(|best| best.2 < 0.4 * worth(context, 1)) {
+    if ranked.first().is_none_or(|best| best.2 < 0.4 * worth(least, 1)) {
         return Vec::new();
     }
-    said("screened");
+    said(&format!("screened on {} samples", least.samples));
     for (c, start, gain) in ranked.iter().take(8) {
         said(&format!("   {:20} {:12} promises {gain:9.1} from {start:.4?}", c.effect, c.at));
     }
     let fitted = |(candidate, start): (&Candidate, Vec<f64>)| {
-        let (problem, point) = base.extended(with_effect(&base.rig, candidate, &start));
+        let (problem, point) = few.extended(with_effect(&few.rig, candidate, &start));
         let hypothesis = Hypothesis::fitted(problem, point, &noise, &context.floors, COARSE)?;
         Some(Trial { candidate: candidate.clone(), hypothesis, gain: 0.0 })
     };
     let mut trials: Vec<Trial> = chosen(&ranked).into_par_iter().filter_map(fitted).collect();
-    rank(base, &mut trials, context);
-    // The leaders go on; who is far behind after a few steps does not catch up.
-    let leading = trials.iter().take(LEADING).filter(|t| t.gain > BEHIND * trials[0].gain).count();
-    trials[..leading].par_iter_mut().for_each(|trial| {
-        let finer = trial.hypothesis.polished(&noise, &context.floors, COARSE);
-        if let Some(finer) = finer.filter(|f| f.likelihood > trial.hypothesis.likelihood) {
-            trial.hypothesis = finer;
-        }
-    });
+    rank(few, &mut trials, rule);
+    trials = gone_on(base, thin.as_ref(), trials, &noise, context);
     said("fitted");
     polish(base, &mut trials, context);
     trials
+}
+
+/// The leaders fitted on, to all windows; who is far behind after a few steps does not catch up. Where the first fits
+/// were to fewer windows only the leaders stay: the others are not comparable.
+fn gone_on(
+    base: &Hypothesis,
+    thin: Option<&Thin>,
+    mut trials: Vec<Trial>,
+    noise: &[Colour],
+    context: &Context,
+) -> Vec<Trial> {
+    let leading = trials.iter().take(LEADING).filter(|t| t.gain > BEHIND * trials[0].gain).count();
+    let Some(thin) = thin else {
+        trials[..leading].par_iter_mut().for_each(|trial| {
+            let finer = trial.hypothesis.polished(noise, &context.floors, COARSE);
+            if let Some(finer) = finer.filter(|f| f.likelihood > trial.hypothesis.likelihood) {
+                trial.hypothesis = finer;
+            }
+        });
+        return trials;
+    };
+    trials.truncate(leading);
+    let wide = |trial: Trial| {
+        let (problem, point) = thin.widened(base, &trial.hypothesis);
+        let hypothesis = Hypothesis::fitted(problem, point, noise, &context.floors, COARSE)?;
+        Some(Trial { hypothesis, ..trial })
+    };
+    trials.into_par_iter().filter_map(wide).collect()
 }
 
 /// Orders trials by their likelihood under the noise that the best of them leaves, and notes what each gains there.

@@ -10,15 +10,21 @@ use crate::identify::fit::{FreeRuns, Point, Series, present};
 use crate::identify::noise::{Colour, weight};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use std::ops::AddAssign;
 
 /// Response of all windows to one unit of a candidate: per window, per channel, per row. An empty window is zero.
 pub type Column = Vec<Vec<Vec<f64>>>;
+
+/// Responses of one window alone, each with an amplitude of its own (what rings from before it): per response, per
+/// channel, per row.
+pub type Own = Vec<Vec<Vec<f64>>>;
 
 /// Whitened misfit and sensitivities of the base solution.
 pub struct Screen {
     windows: Vec<Window>,
     noise: Vec<Colour>,
-    /// Reduced normal matrix of the shared parameters, inverted.
+    /// Reduced normal matrix of the shared parameters, and its inverse.
+    normal: DMatrix<f64>,
     inverse: DMatrix<f64>,
     gradient: DVector<f64>,
     shared: usize,
@@ -127,94 +133,180 @@ impl Screen {
             gp += g;
             windows.push(window);
         }
-        Some(Self { windows, noise: noise.to_vec(), inverse: pseudo_inverse(&pp, 1e-10), gradient: gp, shared })
+        let inverse = pseudo_inverse(&pp, 1e-10);
+        Some(Self { windows, noise: noise.to_vec(), normal: pp, inverse, gradient: gp, shared })
     }
 
     /// What adding `columns` together would gain, everything else following.
     #[must_use]
     pub fn score(&self, columns: &[Column]) -> Score {
+        self.score_beside(columns, &[])
+    }
+
+    /// What adding `columns` would gain beside responses of single windows, everything else following. `own`: those of
+    /// each window, or nothing at all; their gain counts, their amplitudes are not told.
+    #[must_use]
+    pub fn score_beside(&self, columns: &[Column], own: &[Own]) -> Score {
         let n = columns.len();
-        let Projected { inverse, gradient, .. } = self.projected(columns);
+        let Projected { inverse, gradient, apart, .. } = self.projected(columns, own);
         let amplitudes = -(&inverse * &gradient);
         Score {
-            gain: -amplitudes.dot(&gradient),
+            gain: apart - amplitudes.dot(&gradient),
             deviations: (0..n).map(|i| libm::sqrt(inverse[(i, i)].max(0.0))).collect(),
             amplitudes: amplitudes.iter().copied().collect(),
         }
     }
 
-    /// Fall of the sum of squares if the simulation moved by the first of `columns`, as it is, and by the others times
-    /// amplitudes within `bounds`.
+    /// Fall of the sum of squares if the simulation moved by the first of `columns`, as it is, by the others times
+    /// amplitudes within `bounds`, and by `own` responses of the windows (or none).
     #[must_use]
-    pub fn promise(&self, columns: &[Column], bounds: &[(f64, f64)]) -> f64 {
-        let Projected { normal, gradient, .. } = self.projected(columns);
+    pub fn promise(&self, columns: &[Column], own: &[Own], bounds: &[(f64, f64)]) -> f64 {
+        let Projected { normal, gradient, apart, .. } = self.projected(columns, own);
         let mut at = vec![1.0];
         at.extend(bounded_minimum(&normal, &gradient, bounds));
         let at = DVector::from_vec(at);
-        -(2.0 * gradient.dot(&at) + at.dot(&(&normal * &at)))
+        apart - (2.0 * gradient.dot(&at) + at.dot(&(&normal * &at)))
     }
 
-    /// Normal equations of `columns` with all base parameters and initial states projected out.
-    fn projected(&self, columns: &[Column]) -> Projected {
-        let n = columns.len();
-        let (mut cc, mut cp, mut gc) = (DMatrix::zeros(n, n), DMatrix::zeros(n, self.shared), DVector::zeros(n));
+    /// Normal equations of `columns` with all base parameters, initial states and `own` responses projected out.
+    fn projected(&self, columns: &[Column], own: &[Own]) -> Projected {
+        let mut sums = Sums::new(columns.len(), self.shared);
+        let none = Own::new();
         for (w, window) in self.windows.iter().enumerate() {
-            self.add_window(window, w, columns, &mut cc, &mut cp, &mut gc);
+            self.add_window(window, w, columns, own.get(w).unwrap_or(&none), &mut sums);
         }
-        let full = cc.diagonal().clone_owned();
-        let cc = cc - &cp * &self.inverse * cp.transpose();
-        let gc = gc - &cp * &self.inverse * &self.gradient;
-        let mut ridged = cc;
-        for i in 0..n {
+        let Sums { cc, cp, gc, full, less_pp, less_gp, mut apart } = sums;
+        let (inverse, gradient) = if own.is_empty() {
+            (self.inverse.clone(), self.gradient.clone())
+        } else {
+            // What the windows' own responses explain is no longer for the shared parameters to explain.
+            let (inverse, gradient) = (pseudo_inverse(&(&self.normal - less_pp), 1e-10), &self.gradient - less_gp);
+            let fall = |i: &DMatrix<f64>, g: &DVector<f64>| g.dot(&(i * g));
+            apart += fall(&inverse, &gradient) - fall(&self.inverse, &self.gradient);
+            (inverse, gradient)
+        };
+        let mut normal = cc - &cp * &inverse * cp.transpose();
+        let gradient = gc - &cp * &inverse * &gradient;
+        for i in 0..columns.len() {
             // A column that the base mimics to 1 part in 1e8 carries rounding only.
-            ridged[(i, i)] += 1e-8 * full[i] + 1e-300;
+            normal[(i, i)] += 1e-8 * full[i] + 1e-300;
         }
-        Projected { inverse: pseudo_inverse(&ridged, 1e-9), normal: ridged, gradient: gc }
+        Projected { inverse: pseudo_inverse(&normal, 1e-9), normal, gradient, apart }
     }
 
-    fn add_window(
-        &self,
-        window: &Window,
-        w: usize,
-        columns: &[Column],
-        cc: &mut DMatrix<f64>,
-        cp: &mut DMatrix<f64>,
-        gc: &mut DVector<f64>,
-    ) {
+    /// Adds what window number `w` says about `columns`, its initial state and `own` responses projected out.
+    fn add_window(&self, window: &Window, w: usize, columns: &[Column], own: &Own, sums: &mut Sums) {
         let active: Vec<usize> = (0..columns.len()).filter(|i| !columns[*i][w].is_empty()).collect();
-        if active.is_empty() {
+        let responses: Vec<&Vec<Vec<f64>>> = active.iter().map(|i| &columns[*i][w]).chain(own).collect();
+        if responses.is_empty() {
             return;
         }
-        let states = window.gx.len();
-        let mut cx = DMatrix::zeros(active.len(), states);
+        let Seen { mut rr, mut rp, rx, mut gr } = self.seen(window, &responses);
+        let reach = &rx * &window.xx_inverse;
+        rr -= &reach * rx.transpose();
+        rp -= &reach * window.px.transpose();
+        gr -= &reach * &window.gx;
+        for (a, i) in active.iter().enumerate() {
+            sums.full[*i] += rr[(a, a)];
+        }
+        let count = active.len();
+        if !own.is_empty() {
+            let inverse = own_inverse(rr.view((count, count), (own.len(), own.len())).into_owned());
+            let (op, go) = (rp.rows(count, own.len()).into_owned(), gr.rows(count, own.len()).into_owned());
+            let reach = rr.view((0, count), (count, own.len())) * &inverse;
+            sums.less_pp += op.transpose() * &inverse * &op;
+            sums.less_gp += op.transpose() * &inverse * &go;
+            sums.apart += go.dot(&(&inverse * &go));
+            let less = &reach * rr.view((count, 0), (own.len(), count));
+            rr.view_mut((0, 0), (count, count)).add_assign(-less);
+            rp.rows_mut(0, count).add_assign(-(&reach * &op));
+            gr.rows_mut(0, count).add_assign(-(&reach * &go));
+        }
+        sums.add(&active, &rr, &rp, &gr);
+    }
+
+    /// Products of whitened `responses` of a window with one another, with its sensitivities and with its residual.
+    fn seen(&self, window: &Window, responses: &[&Vec<Vec<f64>>]) -> Seen {
+        let (n, states) = (responses.len(), window.gx.len());
+        let (mut rr, mut gr) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        let (mut rp, mut rx) = (DMatrix::zeros(n, self.shared), DMatrix::zeros(n, states));
         for (c, channel) in window.channels.iter().enumerate().filter(|(_, c)| !c.rows.is_empty()) {
-            let white: Vec<Vec<f64>> =
-                active.iter().map(|i| channel.whiten(&self.noise[c], &columns[*i][w][c])).collect();
-            for (a, i) in active.iter().enumerate() {
-                gc[*i] += dot(&white[a], &channel.residual);
+            let white: Vec<Vec<f64>> = responses.iter().map(|r| channel.whiten(&self.noise[c], &r[c])).collect();
+            for (a, one) in white.iter().enumerate() {
+                gr[a] += dot(one, &channel.residual);
                 for p in 0..self.shared {
-                    cp[(*i, p)] += dot(&white[a], &channel.slopes[p]);
+                    rp[(a, p)] += dot(one, &channel.slopes[p]);
                 }
                 for x in 0..states {
-                    cx[(a, x)] += dot(&white[a], &channel.slopes[self.shared + x]);
+                    rx[(a, x)] += dot(one, &channel.slopes[self.shared + x]);
                 }
-                for (b, j) in active.iter().enumerate() {
-                    cc[(*i, *j)] += dot(&white[a], &white[b]);
+                for (b, other) in white.iter().enumerate().take(a + 1) {
+                    let product = dot(one, other);
+                    rr[(a, b)] += product;
+                    if a != b {
+                        rr[(b, a)] += product;
+                    }
                 }
             }
         }
-        let reach = &cx * &window.xx_inverse;
-        let (less_cc, less_cp, less_g) = (&reach * cx.transpose(), &reach * window.px.transpose(), &reach * &window.gx);
+        Seen { rr, rp, rx, gr }
+    }
+}
+
+/// Products of the responses of one window: with one another, with parameters, states and residual.
+struct Seen {
+    rr: DMatrix<f64>,
+    rp: DMatrix<f64>,
+    rx: DMatrix<f64>,
+    gr: DVector<f64>,
+}
+
+/// Normal equations of columns, summed over the windows.
+struct Sums {
+    cc: DMatrix<f64>,
+    cp: DMatrix<f64>,
+    gc: DVector<f64>,
+    /// Squares of each column before anything but the initial states follows.
+    full: Vec<f64>,
+    /// What the windows' own responses take from the equations of the shared parameters.
+    less_pp: DMatrix<f64>,
+    less_gp: DVector<f64>,
+    /// Fall of the sum of squares by the windows' own responses.
+    apart: f64,
+}
+
+impl Sums {
+    fn new(columns: usize, shared: usize) -> Self {
+        Self {
+            cc: DMatrix::zeros(columns, columns),
+            cp: DMatrix::zeros(columns, shared),
+            gc: DVector::zeros(columns),
+            full: vec![0.0; columns],
+            less_pp: DMatrix::zeros(shared, shared),
+            less_gp: DVector::zeros(shared),
+            apart: 0.0,
+        }
+    }
+
+    fn add(&mut self, active: &[usize], rr: &DMatrix<f64>, rp: &DMatrix<f64>, gr: &DVector<f64>) {
         for (a, i) in active.iter().enumerate() {
-            gc[*i] -= less_g[a];
-            for p in 0..self.shared {
-                cp[(*i, p)] -= less_cp[(a, p)];
+            self.gc[*i] += gr[a];
+            for p in 0..rp.ncols() {
+                self.cp[(*i, p)] += rp[(a, p)];
             }
             for (b, j) in active.iter().enumerate() {
-                cc[(*i, *j)] -= less_cc[(a, b)];
+                self.cc[(*i, *j)] += rr[(a, b)];
             }
         }
     }
+}
+
+/// Inverse of the normal matrix of a window's own responses; what its initial state mimics stays out.
+fn own_inverse(mut normal: DMatrix<f64>) -> DMatrix<f64> {
+    for i in 0..normal.nrows() {
+        normal[(i, i)] += 1e-8 * normal[(i, i)] + 1e-300;
+    }
+    pseudo_inverse(&normal, 1e-9)
 }
 
 /// Normal equations after projection.
@@ -222,6 +314,8 @@ struct Projected {
     normal: DMatrix<f64>,
     inverse: DMatrix<f64>,
     gradient: DVector<f64>,
+    /// Fall of the sum of squares without any of the columns.
+    apart: f64,
 }
 
 /// The amplitudes beside the first (which is 1) that minimise the quadratic within their bounds: what would leave is
@@ -307,10 +401,26 @@ mod tests {
         let screen = Screen::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
         let whole = screen.score(&[step_at(30)]).gain;
         let tenth: Column = vec![vec![step_at(30)[0][0].iter().map(|x| 0.1 * x).collect()]];
-        let free = screen.promise(&[tenth.clone(), step_at(30)], &[(-10.0, 10.0)]);
+        let free = screen.promise(&[tenth.clone(), step_at(30)], &[], &[(-10.0, 10.0)]);
         assert!((free - whole).abs() < 1e-6 * whole, "{free} {whole}");
-        let held = screen.promise(&[tenth, step_at(30)], &[(0.0, 0.0)]);
+        let held = screen.promise(&[tenth, step_at(30)], &[], &[(0.0, 0.0)]);
         assert!(held > 0.0 && held < 0.8 * whole, "{held} {whole}");
+    }
+
+    #[test]
+    fn responses_of_the_windows_own_count_like_columns_that_live_in_one_window() {
+        let at = Point { parameters: vec![0.55], states: vec![vec![1.9]] };
+        let screen = Screen::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
+        let (step, bend) = (step_at(35), vec![(0..60).map(|k| f64::from(k * k)).collect()]);
+        let together = screen.score(&[step.clone(), vec![bend.clone()]]);
+        let apart = screen.score_beside(std::slice::from_ref(&step), &[vec![bend.clone()]]);
+        assert!((together.gain - apart.gain).abs() < 1e-6 * together.gain, "{together:?} {apart:?}");
+        assert!((together.amplitudes[0] - apart.amplitudes[0]).abs() < 1e-6 * together.amplitudes[0].abs());
+        assert!((together.deviations[0] - apart.deviations[0]).abs() < 1e-6 * together.deviations[0]);
+        let [a, b] = [vec![(-9.0, 9.0)], Vec::new()];
+        let promised = screen.promise(&[step.clone(), vec![bend.clone()]], &[], &a);
+        let beside = screen.promise(&[step], &[vec![bend]], &b);
+        assert!((promised - beside).abs() < 1e-6 * promised.abs(), "{promised} {beside}");
     }
 
     #[test]

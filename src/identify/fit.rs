@@ -29,6 +29,10 @@ pub trait FreeRuns: Sync {
     /// Residual of each channel over window `window`, with derivatives if `slopes`. `None` if the run leaves the
     /// finite numbers.
     fn run(&self, window: usize, parameters: &[f64], state: &[f64], slopes: bool) -> Option<Vec<Series>>;
+    /// Farthest that one step may move shared parameter `_index`.
+    fn reach(&self, _index: usize) -> f64 {
+        f64::INFINITY
+    }
 }
 
 /// Where a fit starts, and where it stands.
@@ -410,12 +414,13 @@ struct Walk<'w, R> {
 
 impl<R: FreeRuns> Walk<'_, R> {
     fn step(&mut self, system: &Reduced, tries: usize) -> Taken {
+        let bounds = self.within_reach();
         for _ in 0..tries {
-            let step = system.step(&self.at, self.bounds, self.damping);
+            let step = system.step(&self.at, &bounds, self.damping);
             if step.promised <= self.least() {
                 return Taken::Arrived;
             }
-            let to = moved(&self.at, &step, self.bounds);
+            let to = moved(&self.at, &step, &bounds);
             if let Some((residuals, cost)) = looked(self.runs, &to, self.noise).filter(|(_, cost)| *cost < self.best) {
                 let kept = (self.best - cost) / step.promised;
                 self.damping = if kept > 0.7 { self.damping * 0.1 } else { self.damping }.max(1e-9);
@@ -424,6 +429,15 @@ impl<R: FreeRuns> Walk<'_, R> {
             self.damping = (self.damping * 10.0).min(1e6);
         }
         Taken::Stalled
+    }
+
+    /// Bounds of one step.
+    fn within_reach(&self) -> Vec<Bound> {
+        let one = |(i, (b, x)): (usize, (&Bound, &f64))| {
+            let reach = self.runs.reach(i);
+            Bound { min: b.min.max(x - reach), max: b.max.min(x + reach) }
+        };
+        self.bounds.iter().zip(&self.at.parameters).enumerate().map(one).collect()
     }
 
     fn least(&self) -> f64 {
@@ -585,6 +599,34 @@ mod tests {
         system.renew(residuals, &noise);
         assert_eq!((&system.windows[1].gp, &system.windows[1].gx), (&gp, &gx));
         assert!((system.cost - cost).abs() < 1e-9 * cost && (there - cost).abs() < 1e-9 * cost);
+    }
+
+    /// [`Decay`] that counts how far from 0.2 its first parameter was ever tried, and may move it by 0.1 a step.
+    struct Short(Decay, std::sync::Mutex<f64>);
+
+    impl FreeRuns for Short {
+        fn windows(&self) -> usize {
+            self.0.windows()
+        }
+        fn run(&self, w: usize, p: &[f64], x: &[f64], slopes: bool) -> Option<Vec<Series>> {
+            let mut farthest = self.1.lock().unwrap();
+            *farthest = farthest.max(p[0]);
+            self.0.run(w, p, x, slopes)
+        }
+        fn reach(&self, index: usize) -> f64 {
+            if index == 0 { 0.1 } else { f64::INFINITY }
+        }
+    }
+
+    #[test]
+    fn a_step_goes_no_farther_than_its_reach_and_arrives_all_the_same() {
+        let runs = Short(Decay::new(0.7, 0.05), std::sync::Mutex::new(0.0));
+        let one = Limits { iterations: 1, tolerance: 1e-3 };
+        let found = fit(&runs, start(), &WIDE, &[Colour::white(0.01)], one);
+        let steps = STEPS as f64;
+        assert!(*runs.1.lock().unwrap() <= 0.2 + 0.1 * steps + 1e-12 && found.cost.is_finite());
+        let found = fit(&runs, start(), &WIDE, &[Colour::white(0.01)], Limits::default());
+        assert!((found.point.parameters[0] - 0.7).abs() < 1e-4, "{:?}", found.point);
     }
 
     #[test]

@@ -11,6 +11,10 @@ use crate::identify::rollout::{Fidelity, Linearised, Readings, Rollout};
 use crate::identify::theta::{Entry, Theta};
 use crate::model::effect::Role;
 use crate::model::rig::{Rig, Slot};
+use crate::model::setting::Setting;
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Arc;
 
 /// A rig against recordings, its free numbers as a vector.
 #[derive(Clone, Debug)]
@@ -22,9 +26,13 @@ pub struct Problem {
     /// Which entries of `theta` are fitted as logarithms.
     pub logarithmic: Vec<bool>,
     /// Recordings, possibly with shorter windows and with samples taken out.
-    pub recordings: Vec<Recording>,
+    pub recordings: Arc<Vec<Recording>>,
+    /// The rig as it holds for each recording.
+    pub settings: Vec<Setting>,
     /// Recording and its own window number, of each window.
     pub windows: Vec<(usize, usize)>,
+    /// Rows of each window within its recording.
+    pub spans: Vec<Range<usize>>,
     /// How finely runs are integrated.
     pub fidelity: Fidelity,
 }
@@ -36,21 +44,37 @@ impl Problem {
     /// All free numbers of `rig` against `recordings`.
     #[must_use]
     pub fn new(rig: Rig, recordings: Vec<Recording>) -> Self {
+        Self::shared(rig, Arc::new(recordings))
+    }
+
+    fn shared(rig: Rig, recordings: Arc<Vec<Recording>>) -> Self {
         let theta = Theta::of(&rig);
         let logarithmic =
             theta.entries.iter().map(|e| is_logarithmic(&rig, e.slot, e.bounds.min, e.bounds.max)).collect();
-        let windows = recordings
-            .iter()
-            .enumerate()
-            .flat_map(|(r, recording)| (0..recording.windows().len()).map(move |w| (r, w)))
-            .collect();
-        Self { rig, theta, logarithmic, recordings, windows, fidelity: Fidelity::default() }
+        let settings = recordings.iter().map(|r| Setting::of(&rig, Some(r.index), r.setup)).collect();
+        let (mut windows, mut spans) = (Vec::new(), Vec::new());
+        for (r, recording) in recordings.iter().enumerate() {
+            for (w, rows) in recording.windows().into_iter().enumerate() {
+                windows.push((r, w));
+                spans.push(rows);
+            }
+        }
+        Self { rig, theta, logarithmic, recordings, settings, windows, spans, fidelity: Fidelity::default() }
     }
 
-    /// The same recordings with another rig.
+    /// The same windows with another rig.
     #[must_use]
     pub fn with_rig(&self, rig: Rig) -> Self {
-        Self { fidelity: self.fidelity, ..Self::new(rig, self.recordings.clone()) }
+        let (windows, spans) = (self.windows.clone(), self.spans.clone());
+        Self { fidelity: self.fidelity, windows, spans, ..Self::shared(rig, Arc::clone(&self.recordings)) }
+    }
+
+    /// The same with some of the windows.
+    #[must_use]
+    pub fn on_windows(&self, kept: &[usize]) -> Self {
+        let windows = kept.iter().map(|w| self.windows[*w]).collect();
+        let spans = kept.iter().map(|w| self.spans[*w].clone()).collect();
+        Self { windows, spans, ..self.clone() }
     }
 
     /// The same problem with windows of at most `horizon_s`.
@@ -66,12 +90,11 @@ impl Problem {
     /// Longest window, s.
     #[must_use]
     pub fn longest_s(&self) -> f64 {
-        let length = |&(r, w): &(usize, usize)| {
-            let recording = &self.recordings[r];
-            let rows = &recording.windows()[w];
-            recording.times[rows.end - 1] - recording.times[rows.start]
+        let length = |((r, _), rows): (&(usize, usize), &Range<usize>)| {
+            let times = &self.recordings[*r].times;
+            times[rows.end - 1] - times[rows.start]
         };
-        self.windows.iter().map(length).fold(0.0, f64::max)
+        self.windows.iter().zip(&self.spans).map(length).fold(0.0, f64::max)
     }
 
     /// Bounds of the vector.
@@ -107,26 +130,32 @@ impl Problem {
     /// The rig's present numbers, with initial states guessed from the first samples of each window.
     #[must_use]
     pub fn start(&self) -> Point {
-        let states = self.windows.iter().map(|(r, w)| self.guess(*r, *w)).collect();
+        let states = (0..self.windows.len()).map(|w| self.guess(w)).collect();
         Point { parameters: self.vector(), states }
     }
 
-    fn guess(&self, recording: usize, window: usize) -> Vec<f64> {
-        Rollout::new(&self.rig, &self.recordings[recording], self.fidelity).map(|r| r.guess(window)).unwrap_or_default()
+    fn guess(&self, window: usize) -> Vec<f64> {
+        self.rollout(window, &self.theta).guess(0)
+    }
+
+    /// The free run of one window with the numbers of `theta`.
+    fn rollout(&self, window: usize, theta: &Theta) -> Rollout<'_> {
+        let r = self.windows[window].0;
+        Rollout::of_window(&self.settings[r], theta, &self.recordings[r], self.spans[window].clone(), self.fidelity)
     }
 
     /// Brings the states of `point` to the length that this problem's rig has: new inner states start as guessed.
     #[must_use]
     pub fn adapted(&self, point: &Point) -> Vec<Vec<f64>> {
-        let one = |(&(r, w), old): (&(usize, usize), &Vec<f64>)| {
-            let mut state = self.guess(r, w);
+        let one = |(w, old): (usize, &Vec<f64>)| {
+            let mut state = self.guess(w);
             let rigid = 2 * self.degrees();
             // Coordinates and rates are shared; inner states belong to the effects of each rig.
             let kept = if old.len() == state.len() { old.len() } else { rigid.min(old.len()).min(state.len()) };
             state[..kept].copy_from_slice(&old[..kept]);
             state
         };
-        self.windows.iter().zip(&point.states).map(one).collect()
+        point.states.iter().enumerate().map(one).collect()
     }
 
     /// Independent coordinates of the mechanism.
@@ -139,9 +168,10 @@ impl Problem {
     /// leaves the finite numbers.
     #[must_use]
     pub fn residuals(&self, at: &Point) -> Option<Vec<Vec<Vec<f64>>>> {
-        let mut out = vec![Vec::new(); self.rig.sensors.len()];
-        for w in 0..self.windows.len() {
-            let channels = self.run(w, &at.parameters, &at.states[w], false)?;
+        let one = |w: usize| self.run(w, &at.parameters, &at.states[w], false);
+        let windows: Vec<Vec<Series>> = (0..self.windows.len()).into_par_iter().map(one).collect::<Option<_>>()?;
+        let mut out = vec![Vec::with_capacity(windows.len()); self.rig.sensors.len()];
+        for channels in windows {
             for (list, series) in out.iter_mut().zip(channels) {
                 list.push(series.residual.into_iter().filter(|x| x.is_finite()).collect());
             }
@@ -160,31 +190,38 @@ fn is_logarithmic(rig: &Rig, slot: Slot, min: f64, max: f64) -> bool {
     shape && min > 0.0 && max / min > DECADES
 }
 
+/// A logarithm moves by a factor of ten a step at most: no tangent says more, and a spring a thousand times stiffer costs
+/// thirty times the run that shows that it is wrong.
+const REACH: f64 = std::f64::consts::LN_10;
+
 impl FreeRuns for Problem {
     fn windows(&self) -> usize {
         self.windows.len()
     }
 
+    fn reach(&self, index: usize) -> f64 {
+        if self.logarithmic[index] { REACH } else { f64::INFINITY }
+    }
+
     fn run(&self, window: usize, parameters: &[f64], state: &[f64], slopes: bool) -> Option<Vec<Series>> {
-        let (r, w) = self.windows[window];
         let theta = Theta { values: self.values(parameters), ..self.theta.clone() };
-        let rig = theta.applied(&self.rig);
-        let rollout = Rollout::new(&rig, &self.recordings[r], self.fidelity).ok()?;
+        let rollout = self.rollout(window, &theta);
         if slopes {
             let mut lin = Linearised::default();
-            rollout.linearise(&theta, w, state, &mut lin).ok()?;
+            rollout.linearise(&theta, 0, state, &mut lin).ok()?;
             let scale = |(x, log): (&f64, &bool)| if *log { *x } else { 1.0 };
             let scales: Vec<f64> = theta.values.iter().zip(&self.logarithmic).map(scale).collect();
             Some(self.unpacked(&lin, &scales))
         } else {
             let mut readings = Readings::default();
-            rollout.simulate(w, state, &mut readings).ok()?;
-            let rows = rollout.windows()[w].clone();
+            rollout.simulate(0, state, &mut readings).ok()?;
+            let rows = self.spans[window].clone();
             let one = |(predicted, measured): (&Vec<f64>, &Vec<f64>)| Series {
                 residual: predicted.iter().zip(&measured[rows.clone()]).map(|(p, m)| p - m).collect(),
                 slopes: Vec::new(),
             };
-            let out: Vec<Series> = readings.channels.iter().zip(&self.recordings[r].measured).map(one).collect();
+            let measured = &self.recordings[self.windows[window].0].measured;
+            let out: Vec<Series> = readings.channels.iter().zip(measured).map(one).collect();
             readings.channels.iter().all(|c| c.iter().all(|x| x.is_finite())).then_some(out)
         }
     }
@@ -201,13 +238,11 @@ impl Problem {
         wanted: impl Fn(Slot) -> bool,
         held: usize,
     ) -> Option<Vec<Series>> {
-        let (r, w) = self.windows[window];
         let values = self.values(&at.parameters);
-        let rig = Theta { values: values.clone(), ..self.theta.clone() }.applied(&self.rig);
-        let part = Theta::of_slots(&rig, wanted);
-        let rollout = Rollout::new(&rig, &self.recordings[r], self.fidelity).ok()?;
+        let theta = Theta { values: values.clone(), ..self.theta.clone() };
+        let part = Theta::of_slots(&self.rig, wanted);
         let mut lin = Linearised::default();
-        rollout.linearise_beyond(held, &part, w, &at.states[window], &mut lin).ok()?;
+        self.rollout(window, &theta).linearise_beyond(held, &part, 0, &at.states[window], &mut lin).ok()?;
         let index = |entry: &Entry| self.theta.index_of_slot(entry.slot);
         let scale = |i: Option<usize>| i.filter(|i| self.logarithmic[*i]).map_or(1.0, |i| values[i]);
         let scales: Vec<f64> = part.entries.iter().map(|e| scale(index(e))).collect();

@@ -30,9 +30,11 @@ mod tests;
 use super::experiment::Recording;
 use super::theta::Theta;
 use crate::base::scalar::{Dual, Scalar};
-use crate::model::machine::{Inner, Machine, MachineError};
+use crate::model::machine::{Machine, MachineError};
 use crate::model::rig::{Rig, Slot};
 use crate::model::setting::{Number, Setting};
+use rayon::prelude::*;
+use std::borrow::Cow;
 use std::ops::Range;
 
 pub use pooled::Pooled;
@@ -92,9 +94,10 @@ pub struct Linearised {
 #[derive(Debug)]
 pub struct Rollout<'r> {
     recording: &'r Recording,
-    setting: Setting,
+    setting: Cow<'r, Setting>,
+    /// Numbers that differ from those of the setting.
+    moved: Vec<(Slot, f64)>,
     windows: Vec<Range<usize>>,
-    layout: Vec<Inner>,
     fidelity: Fidelity,
 }
 
@@ -108,11 +111,24 @@ impl<'r> Rollout<'r> {
     /// # Errors
     /// The rig asks for something the machine cannot do.
     pub fn new(rig: &Rig, recording: &'r Recording, fidelity: Fidelity) -> Result<Self, RolloutError> {
-        let setting = Setting::of(rig, Some(recording.index), recording.setup);
-        let machine = Machine::<f64>::new(&setting, &|n: &Number| n.value, fidelity.refine)
-            .map_err(|e| RolloutError::Unsupported(e.to_string()))?;
-        let layout = machine.initial_layout();
-        Ok(Self { recording, setting, windows: recording.windows(), layout, fidelity })
+        let setting = Cow::Owned(Setting::of(rig, Some(recording.index), recording.setup));
+        let rollout = Self { recording, setting, moved: Vec::new(), windows: recording.windows(), fidelity };
+        rollout.plain_machine()?;
+        Ok(rollout)
+    }
+
+    /// The one window `rows` of `recording` in a setting that is known already, with other numbers of `theta`. What a
+    /// fit does thousands of times: nothing is built here.
+    #[must_use]
+    pub fn of_window(
+        setting: &'r Setting,
+        theta: &Theta,
+        recording: &'r Recording,
+        rows: Range<usize>,
+        fidelity: Fidelity,
+    ) -> Self {
+        let moved = theta.entries.iter().map(|e| e.slot).zip(theta.values.iter().copied()).collect();
+        Self { recording, setting: Cow::Borrowed(setting), moved, windows: vec![rows], fidelity }
     }
 
     /// The recording.
@@ -130,13 +146,7 @@ impl<'r> Rollout<'r> {
     /// Numbers of the initial state of a window: coordinates, rates, then inner states of effects (deflections, lags).
     #[must_use]
     pub fn initial_len(&self) -> usize {
-        self.layout.len()
-    }
-
-    /// What the numbers of an initial state are.
-    #[must_use]
-    pub fn layout(&self) -> &[Inner] {
-        &self.layout
+        self.plain_machine().map_or(0, |machine| machine.initial_layout().len())
     }
 
     /// Runs one window from `initial`.
@@ -145,7 +155,7 @@ impl<'r> Rollout<'r> {
     /// The simulation diverged.
     pub fn simulate(&self, window: usize, initial: &[f64], out: &mut Readings) -> Result<(), RolloutError> {
         let rows = self.windows[window].clone();
-        let mut machine = self.machine(&|n: &Number| n.value)?;
+        let mut machine = self.plain_machine()?;
         out.channels = vec![vec![0.0; rows.len()]; self.setting.sensors.len()];
         let channels = &mut out.channels;
         self.run(&mut machine, rows, initial, &mut |channel, row, y: f64| channels[channel][row] = y)
@@ -213,7 +223,7 @@ impl<'r> Rollout<'r> {
     fn residuals(&self, window: usize, initial: &[f64], out: &mut Linearised) -> Result<(), RolloutError> {
         let range = self.windows[window].clone();
         let (start, rows) = (range.start, out.rows);
-        let mut machine = self.machine(&|n: &Number| n.value)?;
+        let mut machine = self.plain_machine()?;
         self.run(&mut machine, range, initial, &mut |channel, row, y: f64| {
             out.residual[channel * rows + row] = self.recording.measured[channel][start + row] - y;
         })
@@ -233,7 +243,7 @@ impl<'r> Rollout<'r> {
             None => Dual::constant(x),
         };
         let mut machine = self.machine(&|n: &Number| match n.slot {
-            Some(slot) => lift(n.value, What::Slot(slot)),
+            Some(slot) => lift(self.value(n), What::Slot(slot)),
             None => Dual::constant(n.value),
         })?;
         let initial: Vec<Dual<N>> = initial.iter().enumerate().map(|(i, x)| lift(*x, What::Initial(i))).collect();
@@ -246,6 +256,16 @@ impl<'r> Rollout<'r> {
                 out.jacobian[sample * columns + direction.column] = slope;
             }
         })
+    }
+
+    /// A number of the setting, or what it was moved to.
+    fn value(&self, number: &Number) -> f64 {
+        let moved = self.moved.iter().find(|(slot, _)| number.slot == Some(*slot));
+        moved.map_or(number.value, |(_, value)| *value)
+    }
+
+    fn plain_machine(&self) -> Result<Machine<f64>, RolloutError> {
+        self.machine(&|n: &Number| self.value(n))
     }
 
     fn machine<S: Scalar>(&self, lift: &dyn Fn(&Number) -> S) -> Result<Machine<S>, RolloutError> {
@@ -293,15 +313,20 @@ pub struct FreeRun {
 pub fn free_run(rig: &Rig, recording: &Recording, pooled: &Pooled) -> Result<FreeRun, RolloutError> {
     let rollout = Rollout::new(rig, recording, Fidelity::default())?;
     let weights = pooled.weights(rig, recording);
+    let one = |window: usize| {
+        let initial = rollout.fit_initial(window, &weights, &rollout.guess(window))?;
+        let mut readings = Readings::default();
+        rollout.simulate(window, &initial, &mut readings)?;
+        Ok((initial, readings))
+    };
+    let parts: Vec<(Vec<f64>, Readings)> =
+        (0..rollout.windows().len()).into_par_iter().map(one).collect::<Result<_, RolloutError>>()?;
     let mut run = FreeRun {
         predicted: vec![Vec::with_capacity(recording.len()); rig.sensors.len()],
-        initial: Vec::new(),
+        initial: Vec::with_capacity(parts.len()),
         nrmse: Vec::new(),
     };
-    let mut readings = Readings::default();
-    for window in 0..rollout.windows().len() {
-        let initial = rollout.fit_initial(window, &weights, &rollout.guess(window))?;
-        rollout.simulate(window, &initial, &mut readings)?;
+    for (initial, readings) in parts {
         for (all, part) in run.predicted.iter_mut().zip(&readings.channels) {
             all.extend_from_slice(part);
         }

@@ -5,8 +5,8 @@
 use super::{Linearised, Readings, Rollout, RolloutError};
 use crate::identify::theta::Theta;
 use crate::model::machine::{Inner, Machine};
-use crate::model::setting::Number;
 use nalgebra::{DMatrix, DVector};
+use std::borrow::Cow;
 
 /// Samples of the local line that gives the guess.
 const GUESS_ROWS: usize = 12;
@@ -24,7 +24,7 @@ const WORTHWHILE: f64 = 0.01;
 const NOISY: f64 = 1.3;
 /// Parts of the window that the growing horizon takes first: an eighth, then a third.
 const PARTS: [usize; 2] = [8, 3];
-/// Relative gain below which the fit has arrived.
+/// Relative gain, had or promised, below which the fit has arrived.
 const ARRIVED: f64 = 1e-10;
 /// Damping at the start, growth and decay.
 const DAMPING: f64 = 1e-4;
@@ -37,11 +37,12 @@ impl Rollout<'_> {
     /// A start for [`Self::fit_initial`], from the samples at the beginning of the window.
     #[must_use]
     pub fn guess(&self, window: usize) -> Vec<f64> {
-        let mut guess = vec![0.0; self.layout.len()];
-        let Ok(machine) = self.machine(&|n: &Number| n.value) else { return guess };
-        let coordinates = self.layout.iter().filter(|i| matches!(i, Inner::Coordinate(_))).count();
+        let Ok(machine) = self.plain_machine() else { return Vec::new() };
+        let layout = machine.initial_layout();
+        let mut guess = vec![0.0; layout.len()];
+        let coordinates = layout.iter().filter(|i| matches!(i, Inner::Coordinate(_))).count();
         let (angles, rates) = self.local_lines(&machine, window, coordinates);
-        for (x, what) in guess.iter_mut().zip(&self.layout) {
+        for (x, what) in guess.iter_mut().zip(&layout) {
             match *what {
                 Inner::Coordinate(i) => *x = angles[i],
                 Inner::Rate(i) => *x = rates[i],
@@ -76,9 +77,9 @@ impl Rollout<'_> {
     /// The initial state that fits the window best, each channel multiplied by its weight (1 / pooled deviation; 0 for a
     /// channel that is only noise).
     ///
-    /// Sticking and impacts make plateaus where derivatives say nothing: from each minimum, probes along every number
-    /// look for a lower valley. Where the residual stays above the noise of the samples, the fit is also made on a horizon
-    /// that grows from the start of the window, and the better one is taken.
+    /// Sticking and impacts make plateaus where derivatives say nothing: where the residual stays above the noise of the
+    /// samples, probes along every number look for a lower valley beside each minimum, and the fit is also made on a
+    /// horizon that grows from the start of the window; the better one is taken.
     ///
     /// # Errors
     /// The simulation diverged from the start.
@@ -100,11 +101,11 @@ impl Rollout<'_> {
         let mut x = start.to_vec();
         for part in PARTS {
             let short = rows.start..rows.start + (rows.len() / part).max(2 * GUESS_ROWS).min(rows.len());
-            let first = Self {
+            let first = Rollout {
                 recording: self.recording,
-                setting: self.setting.clone(),
+                setting: Cow::Borrowed(&self.setting),
+                moved: self.moved.clone(),
                 windows: vec![short],
-                layout: self.layout.clone(),
                 fidelity: self.fidelity,
             };
             if let Ok((next, _)) = first.explore(0, weights, &x) {
@@ -129,6 +130,9 @@ impl Rollout<'_> {
     /// The minimum below `start`, and lower valleys that probes find beside it.
     fn explore(&self, window: usize, weights: &[f64], start: &[f64]) -> Result<(Vec<f64>, f64), RolloutError> {
         let mut best = self.descend(window, weights, start)?;
+        if best.1 <= NOISY * self.noise_cost(window, weights) {
+            return Ok(best);
+        }
         for _ in 0..MOST_PROBES {
             let Some(probe) = self.probe(window, weights, &best) else { break };
             let next = self.descend(window, weights, &probe)?;
@@ -171,7 +175,11 @@ impl Rollout<'_> {
             let (jtj, jtr) = normal_equations(&lin, weights);
             let mut improved = None;
             while improved.is_none() && damping < HARDEST {
-                let trial = &x + damped_step(&jtj, &jtr, damping);
+                let step = damped_step(&jtj, &jtr, damping);
+                if 2.0 * step.dot(&jtr) - step.dot(&(&jtj * &step)) <= ARRIVED * cost {
+                    break;
+                }
+                let trial = &x + step;
                 let trial_cost = match self.simulate(window, trial.as_slice(), &mut readings) {
                     Ok(()) => self.cost_of(window, weights, &readings),
                     Err(_) => f64::INFINITY,
