@@ -288,6 +288,11 @@ fn looked(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option<(Vec<Vec
     total.is_finite().then(|| (parts.into_iter().map(|p| p.0).collect(), total))
 }
 
+/// Cost of all windows at a point; infinite if one leaves the finite numbers.
+pub fn cost(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> f64 {
+    looked(runs, at, noise).map_or(f64::INFINITY, |(_, cost)| cost)
+}
+
 /// A step and the fall of cost that the linear model promises for it.
 struct Step {
     parameters: DVector<f64>,
