@@ -141,7 +141,7 @@ fn true_physics_leaves_nothing_but_noise() {
         assert!(case.cost < 1.1 * case.samples && case.ratios.iter().all(|r| *r < 2.0), "{}", case.text);
     }
     // The rest has outliers in it, which cost, or a form that the contract leaves open: the shape of a push, how a bristle
-    // is damped, the time that a rebound takes.
+    // is damped, the weight of a structure.
     let listed: Vec<&Left> = left.iter().filter(|c| !c.is_unlisted).collect();
     let at_noise = listed.iter().filter(|c| c.cost < 1.2 * c.samples).count();
     assert!(!wanted.is_empty() || at_noise * 10 >= listed.len() * 9, "{at_noise} of {}", listed.len());

@@ -111,10 +111,6 @@ pub trait Mechanism<S: Scalar> {
     }
     /// Inertia of the link behind coordinate `joint`, kg m² (or kg).
     fn link_inertia(&self, joint: usize) -> S;
-    /// m g l of that link about a pivot at rest, Nm; zero where it has none or the pivot moves.
-    fn link_gravity(&self, _joint: usize) -> S {
-        S::zero()
-    }
     /// True if that inertia contains the rotor of the joint's motor.
     fn holds_rotor(&self) -> bool {
         true
@@ -143,9 +139,6 @@ impl<S: Scalar> Mechanism<S> for Pendulum<S> {
     }
     fn link_inertia(&self, _joint: usize) -> S {
         self.inertia
-    }
-    fn link_gravity(&self, _joint: usize) -> S {
-        self.gravity
     }
     fn held_torque(&self, _joint: usize, force: &[S; MAX]) -> S {
         -force[0]
@@ -220,9 +213,6 @@ impl<S: Scalar> Mechanism<S> for DoublePendulum<S> {
     fn link_inertia(&self, joint: usize) -> S {
         if joint == 0 { self.inertia1 } else { self.inertia2 }
     }
-    fn link_gravity(&self, joint: usize) -> S {
-        if joint == 0 { self.gravity * self.moment1 } else { S::zero() }
-    }
     fn holds_rotor(&self) -> bool {
         false
     }
@@ -283,9 +273,6 @@ impl<S: Scalar> Mechanism<S> for Body<S> {
     }
     fn link_inertia(&self, joint: usize) -> S {
         each!(self, m => m.link_inertia(joint))
-    }
-    fn link_gravity(&self, joint: usize) -> S {
-        each!(self, m => m.link_gravity(joint))
     }
     fn holds_rotor(&self) -> bool {
         each!(self, m => m.holds_rotor())

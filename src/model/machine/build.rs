@@ -7,7 +7,7 @@ use super::{MAX_BRISTLES, Machine, MachineError, Phase, Play, Push, Work};
 use crate::base::scalar::Scalar;
 use crate::model::effect::EffectKind;
 use crate::model::effect::actuator::Drive;
-use crate::model::effect::drive::{Rotor, StructuralMode, Whole};
+use crate::model::effect::drive::{Rotor, StructuralMode};
 use crate::model::effect::friction::{Axis, DryFriction, Grip, Ripple, Spring};
 use crate::model::effect::sensing::Pickup;
 use crate::model::mechanism::{Body, DoublePendulum, Legs, MAX, Mechanism, Pendulum, Row, Slider};
@@ -119,9 +119,8 @@ impl<S: Scalar> Machine<S> {
             if link.is_none() {
                 continue;
             }
-            let (inertia, gravity) = (self.plant.body.link_inertia(joint), self.plant.body.link_gravity(joint));
-            let keys = [lift(frequency), lift(damping), lift(share)];
-            let mode = StructuralMode::new(link, self.plant.n, Whole { inertia, gravity }, keys);
+            let whole = self.plant.body.link_inertia(joint);
+            let mode = StructuralMode::new(link, self.plant.n, whole, lift(frequency), lift(damping), lift(share));
             self.plant.structures.push(mode);
             self.plant.n += 1;
         }

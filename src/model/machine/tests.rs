@@ -148,26 +148,6 @@ fn load_is_the_mean_of_what_pulls_and_what_is_held_or_the_motors_torque_on_its_s
 }
 
 #[test]
-fn a_structure_keeps_its_energy_and_swings_with_its_link_under_weight_alone() {
-    let keys = "frequency = 3.0\ndamping = 0.0\nparticipation = 0.2";
-    let mut m = machine(&rig(PENDULUM, &effect("link_flexibility", "q1", keys)), None);
-    let energy = |m: &mut Machine<f64>| {
-        let (angle, bent) = (m.y.q[0], m.y.q[1]);
-        let stiffness = 0.2 * 0.05 * (2.0 * PI * 3.0_f64).powi(2);
-        m.kinetic_energy() - 1.2 * (0.8 * angle.cos() + 0.2 * (angle + bent).cos()) + 0.5 * stiffness * bent * bent
-    };
-    m.reset(0.0, &[0.8, 0.0, 0.05, 0.0]);
-    let before = energy(&mut m);
-    m.advance_to(3.0).unwrap();
-    // The step's own error.
-    assert!((energy(&mut m) - before).abs() < 1e-6, "{}", energy(&mut m) - before);
-    // Hub and share have the same period, so nothing bends.
-    m.reset(0.0, &[0.8, 0.0, 0.0, 0.0]);
-    m.advance_to(3.0).unwrap();
-    assert!(m.y.q[1].abs() < 1e-12, "{}", m.y.q[1]);
-}
-
-#[test]
 fn asymmetric_friction_is_the_twin_of_an_offset_sticking_included() {
     let dry = effect("coulomb_friction", "q1", "coulomb = 0.3");
     let a = rig(PENDULUM, &(dry.clone() + &effect("friction_asymmetry", "q1", "difference = 0.1")));
