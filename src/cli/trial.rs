@@ -1,7 +1,7 @@
 //! `compass trial`: hides physics in simulated recordings, diagnoses them without access to the truth, scores. RT: no.
 
 use std::io::{Read, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
@@ -70,15 +70,17 @@ impl Run for Args {
             return self.generate(&trial, read_key()?);
         }
         let key = fresh_key()?;
-        // A truth that was published is never exchanged for another.
+        // A truth that was published is never exchanged for another: it is drawn again beside the first.
+        let drawn = if self.resume { self.out.join("redrawn") } else { self.out.clone() };
+        let sealed = TrialFolder::new(&drawn);
         let before = if self.resume { Some(trial.published_hash().context("--resume: no trial here")?) } else { None };
-        self.spawn_generator(&trial, key)?;
-        let published = trial.published_hash()?;
+        self.spawn_generator(&sealed, &drawn, key)?;
+        let published = sealed.published_hash()?;
         if let Some(before) = before.filter(|before| *before != published) {
             bail!("--resume: other arguments or another version drew another truth (published then: {before})");
         }
         if self.write_only {
-            trial.open(key, &published)?;
+            sealed.open(key, &published)?;
             writeln!(std::io::stdout(), "{} cases in {}", self.cases, trial.cases().display())?;
             return Ok(Outcome::Fine);
         }
@@ -93,8 +95,8 @@ impl Run for Args {
         };
         // All answers exist before the seal is opened.
         let ends = diagnose(&runner, &cases);
-        trial.open(key, &published)?;
-        print(&score(&runner, &cases, &ends, &trial.truth()), self.table.as_deref())
+        sealed.open(key, &published)?;
+        print(&score(&runner, &cases, &ends, &sealed.truth()), self.table.as_deref())
     }
 }
 
@@ -118,14 +120,14 @@ impl Args {
     }
 
     /// A process of its own draws the truth: this one learns it when the seal is opened.
-    fn spawn_generator(&self, trial: &TrialFolder, key: Key) -> anyhow::Result<()> {
+    fn spawn_generator(&self, trial: &TrialFolder, folder: &Path, key: Key) -> anyhow::Result<()> {
         if !self.resume && self.out.exists() && self.out.read_dir()?.next().is_some() {
             bail!("{}: not empty; a trial wants a folder of its own, or --resume", self.out.display());
         }
         self.recipe()?;
         let mut command = Command::new(std::env::current_exe().context("path of this program")?);
         command.args(["trial", "--generate", "--cases", &self.cases.to_string(), "--seed", &self.seed.to_string()]);
-        command.args(["--seconds", &self.seconds.to_string(), "--out"]).arg(&self.out);
+        command.args(["--seconds", &self.seconds.to_string(), "--out"]).arg(folder);
         command.args(self.healthy.then_some("--healthy")).args(self.ill.then_some("--ill"));
         let bar = progress::bar(self.cases as u64, "drawing and simulating");
         let mut child = command.stdin(Stdio::piped()).spawn().context("starting the generator")?;
@@ -133,7 +135,7 @@ impl Args {
         let status = loop {
             match child.try_wait()? {
                 Some(status) => break status,
-                None => bar.set_position(if self.resume { 0 } else { trial.drawn() }),
+                None => bar.set_position(trial.drawn()),
             }
             std::thread::sleep(LOOK);
         };
