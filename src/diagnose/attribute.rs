@@ -4,7 +4,7 @@
 //! Forward: a round of trials, the best that is believed is kept, until none is. Then the contest swaps and leaves out.
 //! RT: no.
 
-use crate::diagnose::belief::{believed, is_patched, simplest_first};
+use crate::diagnose::belief::{believed, is_patched, is_worth, simplest_first};
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::is_misfit;
@@ -32,6 +32,16 @@ pub struct Selection {
     pub last: Vec<Trial>,
 }
 
+impl Selection {
+    /// From a better fit of the same effects.
+    fn go_on_from(&mut self, better: Hypothesis) {
+        if self.added.is_empty() {
+            self.base = better.clone();
+        }
+        self.found = better;
+    }
+}
+
 /// How often a selection may start again from a better base.
 const RESTARTS: usize = 3;
 
@@ -47,6 +57,12 @@ fn shaken_free(now: &Hypothesis, trial: &Trial, context: &Context) -> Option<Hyp
     let total = |h: &Hypothesis| -> f64 { h.blocks(&trial.hypothesis.noise).iter().sum() };
     let (before, after, with) = (total(now), total(&without), total(&trial.hypothesis));
     (after - before > NOT_ITS_OWN * (with - before)).then_some(without)
+}
+
+/// [`shaken_free`] by the first of the last round, if it is worth anything.
+fn shaken_by_leader(all: &Selection, explained: f64, context: &Context) -> Option<Hypothesis> {
+    let leader = all.last.first().filter(|trial| is_worth(&all.found, trial, explained, context))?;
+    shaken_free(&all.found, leader, context)
 }
 
 /// `trial` out of the false minimum that it may have come into, where more than noise stays; its gain over `now` follows.
@@ -81,21 +97,28 @@ pub fn forward(
             return all;
         }
         simplest_first(&mut all.last);
+        // Before the recordings left out are asked: what they say of a false minimum is as false.
+        if restarts < RESTARTS
+            && let Some(better) = shaken_by_leader(&all, explained, context)
+        {
+            said(&format!("   {} only shook the fit free: again from there", all.last[0].candidate.effect));
+            restarts += 1;
+            all.go_on_from(better);
+            continue;
+        }
         let left_out = OnceCell::new();
         let mut asked = 0..all.last.len().min(TRIED);
         let Some(i) = asked.find(|i| believed(&all.found, &left_out, &all.last[*i], explained, context, &mut said))
         else {
             return all;
         };
-        if restarts < RESTARTS
+        if i > 0
+            && restarts < RESTARTS
             && let Some(better) = shaken_free(&all.found, &all.last[i], context)
         {
             said(&format!("   {} only shook the fit free: again from there", all.last[i].candidate.effect));
             restarts += 1;
-            if all.added.is_empty() {
-                all.base = better.clone();
-            }
-            all.found = better;
+            all.go_on_from(better);
             continue;
         }
         let best = unstuck(&all.found, all.last.remove(i), context, &mut said);

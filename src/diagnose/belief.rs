@@ -9,7 +9,7 @@ use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::tried::{Context, Trial, at_zero, compare, worth};
 use crate::diagnose::unlisted::is_patch;
 use crate::model::effect::EffectKind;
-use crate::model::rig::Sensor;
+use crate::model::rig::{Sensor, Value};
 use std::cell::OnceCell;
 
 /// Least gain of a further effect, in parts of what those before it gained.
@@ -29,8 +29,27 @@ pub fn is_worth(base: &Hypothesis, trial: &Trial, explained_before: f64, context
     // Against smooth misfit chance has no measure: a tenth of the squares is the least that a user would notice.
     let noticed = !misfit || trial.gain > 0.1 * context.samples as f64;
     let admitted = noticed && !is_piece(base, trial, context);
-    trial.gain > worth(context, trial.candidate.keys.len()) && sure.low > 0.0 && share && admitted && !at_zero(trial)
+    trial.gain > worth(context, trial.candidate.keys.len())
+        && sure.low > 0.0
+        && share
+        && admitted
+        && !at_zero(trial)
+        && !is_cut_off(trial)
 }
+
+/// A resonance at the edge of the range in which it was sought was not found: it stands for a slower or faster motion
+/// that is no resonance, and one without damping for a vibration from elsewhere (the design's "no bound hit").
+fn is_cut_off(trial: &Trial) -> bool {
+    let Some(effect) = trial.hypothesis.rig.effects.last() else { return false };
+    let hits = |value: &Value| {
+        let at = |bound: f64| (value.value / bound - 1.0).abs() < AT_EDGE;
+        value.bounds.is_some_and(|b| at(b.min) || at(b.max))
+    };
+    effect.get("frequency").is_some_and(|f| hits(&f) || effect.get("damping").is_some_and(|d| hits(&d)))
+}
+
+/// Nearer to its bound than this part a number hits it.
+const AT_EDGE: f64 = 0.01;
 
 /// True for a push, a jump or a few waves of a ripple where more than noise stays: they fit a piece of any smooth misfit.
 #[must_use]

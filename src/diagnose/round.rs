@@ -127,8 +127,11 @@ pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context, mut sa
     let look = thin.as_ref().map(|t| t.thinner(library));
     let (fewer, least) = look.as_ref().map_or((few, rule), |t| (&t.hypothesis, &t.context));
     let ranked = screened(fewer, library, &noise);
-    // Nothing promises two fifths of what would count: a healthy machine is not worth a dozen fits.
-    if ranked.first().is_none_or(|best| best.2 < 0.4 * worth(least, 1)) {
+    // Nothing promises two fifths of what would count: a healthy machine is not worth a dozen fits. All samples would
+    // promise as many times more as they are more.
+    let most = ranked.first().map_or(0.0, |best| best.2 * context.samples as f64 / least.samples.max(1) as f64);
+    if most < 0.4 * worth(context, 1) {
+        said(&format!("no candidate promises more than {most:.1}: too little"));
         return Vec::new();
     }
     said(&format!("screened on {} samples", least.samples));

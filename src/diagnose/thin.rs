@@ -17,8 +17,9 @@ const ENOUGH: usize = 6000;
 /// Samples that tell from which start one step promises most.
 const LOOK: usize = 3000;
 
-/// Fewest windows that are kept of a recording.
-const LEAST: usize = 2;
+/// Fewest windows that are kept of a recording: each has initial states of its own, and two or three of them can be
+/// overlaid by wrong base parameters whatever is missing.
+const LEAST: usize = 8;
 
 /// A hypothesis on some of its windows.
 pub struct Thin {
