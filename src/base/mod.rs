@@ -4,6 +4,7 @@
 
 pub mod bytes;
 pub mod linalg;
+pub mod listening;
 pub mod ode;
 pub mod riccati;
 pub mod scalar;

@@ -6,8 +6,10 @@
 
 use super::link::{self, Signal};
 use super::{Duplex, Receive, SendError, Transmit};
+use crate::base::listening::Pulse;
+use crate::base::time::Stamp;
+use crate::channel::ring::Ring;
 use crate::msg::{BusFrame, BusHealth, CanFrame};
-use crossbeam::queue::ArrayQueue;
 use std::os::fd::RawFd;
 use std::sync::Arc;
 
@@ -17,18 +19,20 @@ const CAPACITY: usize = 256;
 /// Frames on their way to one end.
 #[derive(Debug)]
 struct Inbox {
-    frames: ArrayQueue<BusFrame>,
+    frames: Ring<BusFrame>,
     signal: Option<Signal>,
 }
 
 impl Inbox {
     fn new(woken: bool) -> std::io::Result<Arc<Self>> {
         let signal = if woken { Some(Signal::new()?) } else { None };
-        Ok(Arc::new(Self { frames: ArrayQueue::new(CAPACITY), signal }))
+        Ok(Arc::new(Self { frames: Ring::new(CAPACITY), signal }))
     }
 
     fn put(&self, frame: BusFrame) -> Result<(), SendError> {
-        self.frames.push(frame).map_err(|_| SendError::Full)?;
+        if !self.frames.push(&frame) {
+            return Err(SendError::Full);
+        }
         if let Some(signal) = &self.signal {
             signal.raise();
         }
@@ -47,6 +51,8 @@ pub struct LoopbackTx {
 #[derive(Debug)]
 pub struct LoopbackRx {
     inbox: Arc<Inbox>,
+    /// Of the simulated robot at the other end.
+    peer: Option<Arc<Pulse>>,
 }
 
 /// One end of a bus in memory.
@@ -58,21 +64,23 @@ pub type Loopback = Duplex<LoopbackTx, LoopbackRx>;
 /// No descriptor left.
 pub fn pair() -> std::io::Result<(Loopback, Loopback)> {
     let (a, b) = (Inbox::new(true)?, Inbox::new(true)?);
-    Ok((end(&a, &b, true), end(&b, &a, true)))
+    Ok((end(&a, &b, true, None), end(&b, &a, true, None)))
 }
 
-/// The controller's end, woken by frames, and the simulated robot's, which is not; neither echoes.
+/// The controller's end, woken by frames, and the simulated robot's, which is not; neither echoes. `pulse` is the
+/// robot's.
 ///
 /// # Errors
 /// No descriptor left.
-pub fn mock() -> std::io::Result<(Loopback, Loopback)> {
+pub fn mock(pulse: &Arc<Pulse>) -> std::io::Result<(Loopback, Loopback)> {
     let (host, robot) = (Inbox::new(true)?, Inbox::new(false)?);
-    Ok((end(&host, &robot, false), end(&robot, &host, false)))
+    Ok((end(&host, &robot, false, Some(pulse)), end(&robot, &host, false, None)))
 }
 
-fn end(own: &Arc<Inbox>, peer: &Arc<Inbox>, echoes: bool) -> Loopback {
+fn end(own: &Arc<Inbox>, peer: &Arc<Inbox>, echoes: bool, pulse: Option<&Arc<Pulse>>) -> Loopback {
     let echo = echoes.then(|| Arc::clone(own));
-    Duplex { tx: LoopbackTx { peer: Arc::clone(peer), echo }, rx: LoopbackRx { inbox: Arc::clone(own) } }
+    let rx = LoopbackRx { inbox: Arc::clone(own), peer: pulse.cloned() };
+    Duplex { tx: LoopbackTx { peer: Arc::clone(peer), echo }, rx }
 }
 
 impl LoopbackTx {
@@ -108,6 +116,10 @@ impl Receive for LoopbackRx {
     fn readable_fd(&self) -> RawFd {
         self.inbox.signal.as_ref().map_or(-1, Signal::fd)
     }
+
+    fn complete_until(&self, now: Stamp) -> Stamp {
+        self.peer.as_ref().map_or(now, |pulse| pulse.last().min(now))
+    }
 }
 
 #[cfg(test)]
@@ -122,7 +134,7 @@ mod tests {
 
     #[test]
     fn an_end_that_does_not_read_refuses_at_last() {
-        let (mut a, _b) = mock().unwrap();
+        let (mut a, _b) = mock(&Arc::default()).unwrap();
         let frame = CanFrame::new(1, &[]);
         let refused = (0..=CAPACITY).find_map(|_| a.send(&frame).err());
         assert_eq!(refused, Some(SendError::Full));

@@ -40,6 +40,7 @@ pub mod socketcan;
 #[cfg(test)]
 mod laws;
 
+use crate::base::time::Stamp;
 use crate::msg::{BusFrame, BusHealth, CanFrame};
 use std::os::fd::RawFd;
 
@@ -74,6 +75,11 @@ pub trait Receive {
     /// Frames that were lost before they could be received.
     fn lost(&self) -> u32 {
         0
+    }
+    /// What was said on the wire before this time can be received at `now`: earlier than `now` only where the other
+    /// end is simulated and stalls with us.
+    fn complete_until(&self, now: Stamp) -> Stamp {
+        now
     }
 }
 
@@ -114,5 +120,8 @@ impl<T, R: Receive> Receive for Duplex<T, R> {
     }
     fn lost(&self) -> u32 {
         self.rx.lost()
+    }
+    fn complete_until(&self, now: Stamp) -> Stamp {
+        self.rx.complete_until(now)
     }
 }

@@ -20,7 +20,7 @@ use crate::base::time::{Span, Stamp};
 use crate::channel::port::{ChannelError, Endpoint, Publisher, Subscriber};
 use crate::channel::topic::Topic;
 use crate::config::checked::Thread;
-use crate::msg::{ImuSample, TickInput, TickOutput};
+use crate::msg::{BUSES, ImuSample, TickInput, TickOutput};
 use crate::rt::clock;
 use crate::rt::thread as scheduling;
 use crate::rt::wake::Bell;
@@ -114,7 +114,9 @@ struct Walk {
 
 impl Walk {
     fn frame(&mut self, sample: ImuSample, sent_ns: i64, number: u64) {
-        let mut input = TickInput { index: self.index, now: clock::now(), ..TickInput::default() };
+        let now = clock::now();
+        let (heard_until, imu_heard_until) = ([now; BUSES], now);
+        let mut input = TickInput { index: self.index, now, heard_until, imu_heard_until, ..TickInput::default() };
         self.index += 1;
         input.imu.push(sample);
         let output = (self.step)(&input);

@@ -28,6 +28,10 @@ message! {
         pub stop_requested: bool,
         /// Health of each bus as its I/O thread sees it.
         pub bus_health: [BusHealth; BUSES],
+        /// What came over each bus before this time has been received: until then somebody has listened.
+        pub heard_until: [Stamp; BUSES],
+        /// The same of the IMU's line.
+        pub imu_heard_until: Stamp,
         /// Frames received since the last tick.
         pub received: [FrameBatch; BUSES],
         /// IMU samples since the last tick.
@@ -56,6 +60,10 @@ message! {
         pub stop_requested: bool,
         /// Health of each bus.
         pub bus_health: [BusHealth; BUSES],
+        /// Until when somebody has listened to each bus.
+        pub heard_until: [Stamp; BUSES],
+        /// Until when somebody has listened to the IMU.
+        pub imu_heard_until: Stamp,
         /// Frames received, by bus.
         pub received: [u8; BUSES],
         /// Received frames lost since start, by bus.

@@ -115,6 +115,8 @@ fn head(record: &TickRecord) -> TickHead {
         real_time_missing: input.real_time_missing,
         stop_requested: input.stop_requested,
         bus_health: input.bus_health,
+        heard_until: input.heard_until,
+        imu_heard_until: input.imu_heard_until,
         received: input.received.each_ref().map(|b| b.count),
         received_dropped: input.received.each_ref().map(|b| b.dropped),
         sent: record.output.send.each_ref().map(|b| b.count),
@@ -273,6 +275,8 @@ fn unfold(head: &TickHead, record: &mut TickRecord) {
     input.real_time_missing = head.real_time_missing;
     input.stop_requested = head.stop_requested;
     input.bus_health = head.bus_health;
+    input.heard_until = head.heard_until;
+    input.imu_heard_until = head.imu_heard_until;
     let set = |batch: &mut FrameBatch, dropped: &u32| batch.dropped = *dropped;
     input.received.iter_mut().zip(&head.received_dropped).for_each(|(b, d)| set(b, d));
     record.output.send.iter_mut().zip(&head.sent_dropped).for_each(|(b, d)| set(b, d));

@@ -42,6 +42,7 @@ impl Feed for ThreadFeed {
     }
 
     fn collect(&mut self, input: &mut TickInput) {
+        (input.heard_until, input.imu_heard_until) = self.inbox.heard_until();
         for (ring, batch) in self.inbox.frames.iter().zip(&mut input.received) {
             batch.clear();
             while let Some(frame) = ring.pop() {
@@ -65,6 +66,8 @@ pub struct InlineFeed {
     busy: bool,
     frames: [FrameBatch; BUSES],
     samples: ImuBatch,
+    heard_until: [Stamp; BUSES],
+    imu_heard_until: Stamp,
 }
 
 impl InlineFeed {
@@ -72,17 +75,21 @@ impl InlineFeed {
     #[must_use]
     pub fn new(buses: [Box<dyn Receive + Send>; BUSES], imu: ImuPort, awaited: Arc<Awaited>, busy: bool) -> Self {
         let (frames, samples) = (Default::default(), ImuBatch::default());
-        Self { buses, imu, awaited, busy, frames, samples }
+        let (heard_until, imu_heard_until) = ([Stamp::NEVER; BUSES], Stamp::NEVER);
+        Self { buses, imu, awaited, busy, frames, samples, heard_until, imu_heard_until }
     }
 
     fn drain(&mut self) {
-        for (bus, (wire, batch)) in self.buses.iter_mut().zip(&mut self.frames).enumerate() {
+        let now = clock::now();
+        let buses = self.buses.iter_mut().zip(&mut self.frames).zip(&mut self.heard_until);
+        for (bus, ((wire, batch), until)) in buses.enumerate() {
+            *until = wire.complete_until(now);
             while let Some(frame) = wire.receive() {
                 batch.push(frame);
                 self.awaited.arrived(bus, &frame);
             }
         }
-        self.imu.serve(clock::now(), &mut self.samples);
+        self.imu_heard_until = self.imu.serve(now, &mut self.samples);
     }
 }
 
@@ -110,6 +117,7 @@ impl Feed for InlineFeed {
         }
         input.imu = self.samples;
         self.samples.count = 0;
+        (input.heard_until, input.imu_heard_until) = (self.heard_until, self.imu_heard_until);
         input.bus_health = self.buses.each_ref().map(|wire| wire.health());
     }
 }

@@ -3,6 +3,7 @@
 use super::awaited::Awaited;
 use super::clock;
 use super::poll;
+use crate::base::listening::Pulse;
 use crate::base::time::{Span, Stamp};
 use crate::bus::Receive;
 use crate::channel::ring::Ring;
@@ -11,8 +12,6 @@ use crate::sensor::imu::ImuReader;
 use std::os::fd::RawFd;
 use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
-/// A thread looks at least so often whether it shall end, and whether the IMU is due for a request.
-const LOOK_EVERY: Span = Span::from_ms(5);
 /// Bytes read at once: 16 ms of the fastest stream (USB adapters deliver so), and some.
 const CHUNK: usize = 2048;
 
@@ -30,6 +29,8 @@ pub struct Inbox {
     pub imu: Ring<ImuSample>,
     health: [AtomicU8; BUSES],
     imu_lost: AtomicU32,
+    heard: [Pulse; BUSES],
+    imu_heard: Pulse,
 }
 
 impl Default for Inbox {
@@ -39,6 +40,8 @@ impl Default for Inbox {
             imu: Ring::new(SAMPLES_WAITING),
             health: Default::default(),
             imu_lost: AtomicU32::new(0),
+            heard: Default::default(),
+            imu_heard: Pulse::default(),
         }
     }
 }
@@ -49,6 +52,12 @@ impl Inbox {
     pub fn health(&self) -> [BusHealth; BUSES] {
         let read = |n: &AtomicU8| BusHealth::from_u8(n.load(Ordering::Relaxed)).unwrap_or(BusHealth::Down);
         self.health.each_ref().map(read)
+    }
+
+    /// Until when each bus, and the IMU, has been listened to. Read this before what was heard.
+    #[must_use]
+    pub fn heard_until(&self) -> ([Stamp; BUSES], Stamp) {
+        (self.heard.each_ref().map(Pulse::last), self.imu_heard.last())
     }
 
     /// IMU messages lost since start.
@@ -66,6 +75,10 @@ pub trait ByteLine: Send {
     fn write(&mut self, bytes: &[u8]) -> bool;
     /// A descriptor that polls readable when bytes are there; negative if there is none.
     fn readable_fd(&self) -> RawFd;
+    /// What was sent before this time can be read at `now`, as for a bus.
+    fn complete_until(&self, now: Stamp) -> Stamp {
+        now
+    }
 }
 
 /// The IMU's line and its reader.
@@ -82,8 +95,9 @@ impl ImuPort {
         Self { reader, line, gone: false }
     }
 
-    /// Sends the request that is due, adds the samples that came.
-    pub fn serve(&mut self, now: Stamp, batch: &mut ImuBatch) {
+    /// Sends the request that is due, adds the samples that came. Returns until when it has heard everything.
+    pub fn serve(&mut self, now: Stamp, batch: &mut ImuBatch) -> Stamp {
+        let until = self.line.complete_until(now);
         if let Some(request) = self.reader.transmit(now) {
             // A request that is not taken is not answered, and the reader begins anew.
             self.line.write(request.as_slice());
@@ -92,6 +106,7 @@ impl ImuPort {
         let count = self.line.read(&mut bytes);
         self.gone = count.is_none();
         self.reader.receive(now, bytes.get(..count.unwrap_or(0)).unwrap_or(&[]), batch);
+        until
     }
 
     /// A descriptor that polls readable when bytes are there; none when the device is gone, which polls readable for
@@ -102,22 +117,30 @@ impl ImuPort {
     }
 }
 
-/// Hands over what the bus has; one turn of its thread.
-pub fn serve_bus(bus: usize, wire: &mut dyn Receive, inbox: &Inbox, awaited: &Awaited) {
-    poll::readable([wire.readable_fd()], clock::now() + LOOK_EVERY);
-    let (Some(ring), Some(health)) = (inbox.frames.get(bus), inbox.health.get(bus)) else { return };
+/// Hands over what the bus has; one turn of its thread, once in a `period` at least.
+pub fn serve_bus(bus: usize, wire: &mut dyn Receive, inbox: &Inbox, awaited: &Awaited, period: Span) {
+    poll::readable([wire.readable_fd()], clock::now() + period);
+    let (Some(ring), Some(health), Some(heard)) = (inbox.frames.get(bus), inbox.health.get(bus), inbox.heard.get(bus))
+    else {
+        return;
+    };
+    let until = wire.complete_until(clock::now());
     while let Some(frame) = wire.receive() {
         ring.push(&frame);
         awaited.arrived(bus, &frame);
     }
     health.store(wire.health() as u8, Ordering::Relaxed);
+    heard.beat(until);
 }
 
-/// Hands over what the IMU has; one turn of its thread.
-pub fn serve_imu(imu: &mut ImuPort, inbox: &Inbox) {
-    poll::readable([imu.readable_fd()], clock::now() + LOOK_EVERY);
+/// Hands over what the IMU has; one turn of its thread, once in a `period` at least.
+pub fn serve_imu(imu: &mut ImuPort, inbox: &Inbox, period: Span) {
+    poll::readable([imu.readable_fd()], clock::now() + period);
     let mut batch = ImuBatch::default();
-    imu.serve(clock::now(), &mut batch);
-    batch.as_slice().iter().for_each(|sample| inbox.imu.push(sample));
+    let until = imu.serve(clock::now(), &mut batch);
+    for sample in batch.as_slice() {
+        inbox.imu.push(sample);
+    }
     inbox.imu_lost.fetch_max(batch.dropped, Ordering::Relaxed);
+    inbox.imu_heard.beat(until);
 }

@@ -59,8 +59,9 @@ impl Tick {
     /// Receives, looks, estimates, chooses a torque, limits it, splits it, and says what to send.
     pub fn step(&mut self, input: &TickInput, tick: &mut TickRecord) {
         tick.input = *input;
-        for ((line, frames), health) in self.lines.iter_mut().zip(&input.received).zip(input.bus_health) {
-            line.receive(input.now, frames, health, &mut tick.feedback);
+        let heard = input.received.iter().zip(input.bus_health).zip(input.heard_until);
+        for (line, ((frames, health), until)) in self.lines.iter_mut().zip(heard) {
+            line.receive(input.now, until, frames, health, &mut tick.feedback);
         }
         tick.snapshot = self.accumulator.snapshot(input.now, &tick.feedback, &input.imu, &input.operator);
         tick.snapshot.late = self.guard.late(input);

@@ -112,8 +112,14 @@ fn drives(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, memory: &Memor
         let astray = !in_place(drive, memory.mode, timed_out);
         found.note(astray, FaultCode::DriveNotEnabled, index, f64::from(drive.state as u8));
         let silent = if drive.stamp == Stamp::NEVER { Span(i64::MAX) } else { silent };
+        let silent = unless_too_old(rules, facts.input.now.since(drive.stamp), *limit, silent);
         found.note(!fresh(silent, *limit), FaultCode::DriveStale, index, silent.as_s() * 1e3);
     }
+}
+
+/// The silence, our stalls left out; but the whole age once our stall is too long to be excused.
+fn unless_too_old(rules: &Rules, age: Span, limit: Span, silent: Span) -> Span {
+    if age.0 > limit.0.saturating_add(rules.longest_stall.0) { age } else { silent }
 }
 
 /// The drive is where this mode needs it.
@@ -129,7 +135,7 @@ fn in_place(drive: &DriveFeedback, mode: Mode, timed_out: bool) -> bool {
 
 fn sensors(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, memory: &Memory) {
     let (seen, limits) = (facts.snapshot, &rules.limits);
-    let silent = memory.silent.imu;
+    let silent = unless_too_old(rules, seen.imu_age, limits.imu_age, memory.silent.imu);
     found.note(!fresh(silent, limits.imu_age), FaultCode::ImuStale, 0, silent.as_s() * 1e3);
     let silent = !fresh(seen.operator_age, limits.operator_age);
     found.note(silent, FaultCode::OperatorStale, 0, seen.operator_age.as_s() * 1e3);

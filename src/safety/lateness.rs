@@ -18,6 +18,7 @@ const BUCKET_NS: i64 = 100_000_000;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lateness {
     late_after: Span,
+    unheard_after: Span,
     clean: u32,
     bucket: i64,
     skipped: [u32; BUCKETS],
@@ -25,9 +26,11 @@ pub(super) struct Lateness {
 }
 
 impl Lateness {
-    /// A wake-up later than half a period counts as late.
+    /// A wake-up later than half a period counts as late, and so does input that nobody has looked for in three: a
+    /// thread that brings it looks once in a period.
     pub(super) const fn new(period: Span) -> Self {
-        Self { late_after: Span(period.0 / 2), clean: CLEAN_TICKS, bucket: 0, skipped: [0; BUCKETS], total: 0 }
+        let (late_after, unheard_after) = (Span(period.0 / 2), Span(period.0.saturating_mul(3)));
+        Self { late_after, unheard_after, clean: CLEAN_TICKS, bucket: 0, skipped: [0; BUCKETS], total: 0 }
     }
 
     /// Takes note of a tick; true while phase-sensitive terms shall be off.
@@ -37,7 +40,9 @@ impl Lateness {
             *bucket = bucket.saturating_add(input.skipped);
         }
         self.total = self.total.saturating_add(u64::from(input.skipped));
-        let punctual = input.skipped == 0 && input.wake_latency <= self.late_after;
+        let listened = input.heard_until.iter().chain([&input.imu_heard_until]).min().copied().unwrap_or(input.now);
+        let heard = input.now.since(listened) <= self.unheard_after;
+        let punctual = input.skipped == 0 && input.wake_latency <= self.late_after && heard;
         self.clean = if punctual { self.clean.saturating_add(1) } else { 0 };
         self.is_late()
     }
@@ -75,8 +80,11 @@ impl Lateness {
 mod tests {
     use super::*;
 
+    use crate::msg::BUSES;
+
     fn tick(ms: i64, skipped: u32) -> TickInput {
-        TickInput { now: Stamp(ms * 1_000_000), skipped, ..TickInput::default() }
+        let now = Stamp(ms * 1_000_000);
+        TickInput { now, skipped, heard_until: [now; BUSES], imu_heard_until: now, ..TickInput::default() }
     }
 
     #[test]
@@ -92,6 +100,14 @@ mod tests {
     fn a_late_wake_up_degrades_without_a_skipped_period() {
         let mut lateness = Lateness::new(Span::from_ms(1));
         assert!(lateness.observe(&TickInput { wake_latency: Span::from_us(501), ..tick(0, 0) }));
+    }
+
+    #[test]
+    fn input_that_nobody_looks_for_degrades() {
+        let mut lateness = Lateness::new(Span::from_ms(1));
+        let heard_until = |ms: i64| [Stamp(100_000_000), Stamp(ms * 1_000_000)];
+        assert!(!lateness.observe(&TickInput { heard_until: heard_until(97), ..tick(100, 0) }));
+        assert!(lateness.observe(&TickInput { heard_until: heard_until(97), ..tick(101, 0) }));
     }
 
     #[test]

@@ -4,7 +4,8 @@
 //! torque through (`limits`). What it promises, for any input whatever:
 //! - the torque is finite and within its limit, and zero unless the mode is `Armed`;
 //! - a fault, a stale source, a number that is not finite or the released dead-man gives zero torque in the same tick;
-//! - a stall of our own gives zero torque until all have spoken again, and is no fault while it is short;
+//! - a stall of our own, of this thread or of one that brings input, gives zero torque until all have spoken again, and
+//!   is no fault while it is shorter than the drives' watchdogs;
 //! - it arms only on a press that follows a release, both seen fresh, with nothing in the way;
 //! - the first fault is kept until the robot is armed again.
 
@@ -74,6 +75,8 @@ pub struct Decision {
 struct Rules {
     limits: Limits,
     drive_age: [Span; DRIVES],
+    /// After this the drives' own watchdogs act: a longer stall of ours is a fault like any silence.
+    longest_stall: Span,
     toe_stroke_m: f64,
     toe_rate_m_s: f64,
     period: Span,
@@ -83,10 +86,12 @@ impl Rules {
     fn new(config: &Config) -> Self {
         let limits = config.robot.limits;
         let period = config.real_time.period;
+        let drives = &config.robot.drives;
         let age = |divisor: u8| Span(limits.drive_age.0.saturating_add(period.0.saturating_mul(i64::from(divisor))));
         Self {
             limits,
-            drive_age: config.robot.drives.each_ref().map(|drive| age(drive.sync_divisor)),
+            drive_age: drives.each_ref().map(|drive| age(drive.sync_divisor)),
+            longest_stall: drives.iter().map(|drive| drive.watchdog).min().unwrap_or(Span::ZERO),
             toe_stroke_m: config.robot.toe.stroke_m,
             toe_rate_m_s: config.robot.toe.rate_limit_m_s,
             period,
@@ -114,17 +119,17 @@ impl Guard {
     /// Boots disarmed.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        Self::with(Rules::new(config))
+        Self::with(Rules::new(config), config.robot.drives.each_ref().map(|drive| drive.bus))
     }
 
-    fn with(rules: Rules) -> Self {
+    fn with(rules: Rules, buses: [usize; DRIVES]) -> Self {
         Self {
             rules,
             mode: Mode::Starting,
             mode_since: Stamp::NEVER,
             dead_man: DeadMan::default(),
             lateness: Lateness::new(rules.period),
-            silence: Silence::new(rules.period),
+            silence: Silence::new(rules.period, buses),
             latch: Latch::default(),
             torque: TorqueGate::new(&rules.limits, rules.period),
             toes: ToeSlew::new(rules.toe_stroke_m, rules.toe_rate_m_s, rules.period),
@@ -149,7 +154,7 @@ impl Guard {
         let now = facts.input.now;
         let fresh = health::fresh(facts.snapshot.operator_age, self.rules.limits.operator_age);
         let hand = self.dead_man.update(facts.snapshot.dead_man, fresh);
-        self.silence.observe(now, facts.feedback, facts.snapshot);
+        self.silence.observe(facts.input, facts.feedback, facts.snapshot);
         let findings = health::examine(&self.rules, facts, &self.memory());
         self.heard |= !findings.has(FaultCode::ImuStale) && !findings.has(FaultCode::DriveStale) && fresh;
         self.change_mode(now, hand, &findings, facts.feedback);

@@ -1,20 +1,21 @@
 //! For how long each source has been silent in our own time: the time in which we were there to ask and to listen.
 //! RT: yes.
 //!
-//! Drives answer to our SYNC, and the IMU's bytes wait until we read them. After a stall of ours their last word is old,
-//! and none of them is to blame: the age beyond which a source counts as silent leaves our stalls out, or one late tick
-//! would drop the robot. What is old stays unfit for torque, whoever is to blame ([`super::health::outdated`]). The
-//! operator is not among them: a hand that we could not see counts as open.
+//! Drives answer to our SYNC, and bytes wait until we read them. After a stall of ours, of this thread or of one that
+//! brings input, their last word is old, and none of them is to blame: the age beyond which a source counts as silent
+//! leaves our stalls out, or one late tick would drop the robot. What is old stays unfit for torque, whoever is to blame
+//! ([`super::health::outdated`]). The operator is not among them: a hand that we could not see counts as open.
 
+use crate::base::listening::Listening;
 use crate::base::time::{Span, Stamp};
-use crate::msg::{DRIVES, DriveFeedbacks, Snapshot};
+use crate::msg::{BUSES, DRIVES, DriveFeedbacks, Snapshot, TickInput};
 
 /// A source's newest word.
 #[derive(Clone, Copy, Debug)]
 struct Word {
     stamp: Stamp,
     age: Span,
-    /// Our stalls since the word before.
+    /// Time not spent listening since the word before.
     stalled: Span,
 }
 
@@ -28,28 +29,49 @@ pub(super) struct Ages {
 /// The silence of every source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Silence {
+    /// Bus of each drive.
+    buses: [usize; DRIVES],
     period: Span,
     last: Stamp,
+    listening: [Listening; BUSES],
+    imu_listening: Listening,
     drives: [Word; DRIVES],
     imu: Word,
 }
 
 impl Silence {
-    pub(super) const fn new(period: Span) -> Self {
+    pub(super) const fn new(period: Span, buses: [usize; DRIVES]) -> Self {
         let never = Word { stamp: Stamp::NEVER, age: Span(i64::MAX), stalled: Span::ZERO };
-        Self { period, last: Stamp::NEVER, drives: [never; DRIVES], imu: never }
+        let listening = Listening::new(period);
+        Self {
+            buses,
+            period,
+            last: Stamp::NEVER,
+            listening: [listening; BUSES],
+            imu_listening: listening,
+            drives: [never; DRIVES],
+            imu: never,
+        }
     }
 
     /// Takes note of a tick.
-    pub(super) fn observe(&mut self, now: Stamp, feedback: &DriveFeedbacks, snapshot: &Snapshot) {
-        let since_last = if self.last == Stamp::NEVER { self.period } else { now.since(self.last) };
-        let tick = Tick { now, since_last, stall: Span(since_last.0.saturating_sub(self.period.0).max(0)) };
+    pub(super) fn observe(&mut self, input: &TickInput, feedback: &DriveFeedbacks, snapshot: &Snapshot) {
+        let now = input.now;
+        let passed = if self.last == Stamp::NEVER { self.period } else { now.since(self.last) };
         self.last = now;
-        for (word, drive) in self.drives.iter_mut().zip(&feedback.drives) {
-            word.hear(drive.stamp, &tick);
+        let mut ticks = [Tick { now, passed, listened: Span::ZERO }; BUSES];
+        for ((tick, listening), until) in ticks.iter_mut().zip(&mut self.listening).zip(input.heard_until) {
+            tick.listened = listening.advance(until);
+        }
+        for ((word, drive), bus) in self.drives.iter_mut().zip(&feedback.drives).zip(self.buses) {
+            if let Some(tick) = ticks.get(bus) {
+                word.hear(drive.stamp, tick);
+            }
         }
         let never = snapshot.imu_age == Span(i64::MAX);
-        self.imu.hear(if never { Stamp::NEVER } else { now - snapshot.imu_age }, &tick);
+        let listened = self.imu_listening.advance(input.imu_heard_until);
+        let stamp = if never { Stamp::NEVER } else { now - snapshot.imu_age };
+        self.imu.hear(stamp, &Tick { now, passed, listened });
     }
 
     /// For how long each source has said nothing.
@@ -58,20 +80,19 @@ impl Silence {
     }
 }
 
-/// When we look, and how long we have not.
+/// When we look, how long after the tick before, and how much of that was spent listening.
 #[derive(Clone, Copy, Debug)]
 struct Tick {
     now: Stamp,
-    since_last: Span,
-    stall: Span,
+    passed: Span,
+    listened: Span,
 }
 
 impl Word {
     fn hear(&mut self, stamp: Stamp, tick: &Tick) {
-        let stalled = Span(self.stalled.0.saturating_add(tick.stall.0));
+        let stalled = Span(self.stalled.0.saturating_add(tick.passed.0.saturating_sub(tick.listened.0)));
         *self = if stamp == self.stamp {
-            let age = Span(self.age.0.saturating_add(tick.since_last.0.saturating_sub(tick.stall.0)));
-            Self { age, stalled, ..*self }
+            Self { age: Span(self.age.0.saturating_add(tick.listened.0)), stalled, ..*self }
         } else {
             Self { stamp, age: without(tick.now.since(stamp), stalled), stalled: Span::ZERO }
         };
@@ -80,7 +101,7 @@ impl Word {
 
 /// An age without our stalls. What is stamped ahead of us stays so: safety does not believe it.
 fn without(age: Span, stalled: Span) -> Span {
-    if age.0 < 0 { age } else { Span(age.0.saturating_sub(stalled.0).max(0)) }
+    if age.0 < 0 { age } else { Span(age.0.saturating_sub(stalled.0.max(0)).max(0)) }
 }
 
 #[cfg(test)]
@@ -89,25 +110,48 @@ mod tests {
 
     const MS: i64 = 1_000_000;
 
-    /// Ticks at the times given (ms); each with the time of the drives' newest word. The last age, ms.
-    fn age_ms(ticks: &[(i64, i64)]) -> f64 {
-        let mut silence = Silence::new(Span::from_ms(1));
+    /// Ticks at the times given (ms); each with how far we have listened and the time of the drives' newest word. The
+    /// last age, ms.
+    fn age_heard_ms(ticks: &[(i64, i64, i64)]) -> f64 {
+        let mut silence = Silence::new(Span::from_ms(1), [0; DRIVES]);
         let mut feedback = DriveFeedbacks::default();
-        for (now, word) in ticks {
+        for (now, heard, word) in ticks {
             feedback.drives[0].stamp = Stamp(word * MS);
-            silence.observe(Stamp(now * MS), &feedback, &Snapshot::default());
+            let heard_until = [Stamp(heard * MS); BUSES];
+            let input = TickInput { now: Stamp(now * MS), heard_until, ..TickInput::default() };
+            silence.observe(&input, &feedback, &Snapshot::default());
         }
         silence.ages().drives[0].as_s() * 1e3
     }
 
+    /// The same, always heard up to the tick.
+    fn age_ms(ticks: &[(i64, i64)]) -> f64 {
+        age_heard_ms(&ticks.iter().map(|(now, word)| (*now, *now, *word)).collect::<Vec<_>>())
+    }
+
     #[test]
     fn a_source_that_never_spoke_is_silent_for_ever() {
-        let mut silence = Silence::new(Span::from_ms(1));
+        let mut silence = Silence::new(Span::from_ms(1), [0; DRIVES]);
         let mut feedback = DriveFeedbacks::default();
         feedback.drives[0].stamp = Stamp::NEVER;
         let never = Snapshot { imu_age: Span(i64::MAX), ..Snapshot::default() };
-        silence.observe(Stamp(5 * MS), &feedback, &never);
+        silence.observe(&TickInput { now: Stamp(5 * MS), ..TickInput::default() }, &feedback, &never);
         assert_eq!((silence.ages().drives[0], silence.ages().imu), (Span(i64::MAX), Span(i64::MAX)));
+    }
+
+    #[test]
+    fn a_thread_that_brings_nothing_makes_nobody_silent() {
+        // It listened until 10 and comes back at 31 with all that waited.
+        let stalled = (11..31).map(|ms| (ms, 10, 9));
+        let ticks: Vec<_> = [(10, 10, 9)].into_iter().chain(stalled).collect();
+        assert!((age_heard_ms(&ticks) - 1.0).abs() < 1e-9, "while it stalls");
+        let mut back = ticks.clone();
+        back.push((31, 31, 30));
+        assert!((age_heard_ms(&back)).abs() < 1e-9, "a fresh word is fresh");
+        // It is back, and the source says nothing: one period, then every one.
+        let mut silent = ticks;
+        silent.extend((31..36).map(|ms| (ms, ms, 9)));
+        assert!((age_heard_ms(&silent) - 6.0).abs() < 1e-9, "{}", age_heard_ms(&silent));
     }
 
     #[test]

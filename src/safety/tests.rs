@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config;
-use crate::msg::{BusHealth, Drive, DriveFeedback, OperatorSample};
+use crate::msg::{BUSES, BusHealth, Drive, DriveFeedback, OperatorSample};
 use proptest::prelude::*;
 
 /// A healthy robot around a guard: every source speaks each tick, drives follow their goal at once.
@@ -15,6 +15,8 @@ struct Bench {
     wanted: JointCommand,
     /// Sources go on being stamped.
     live: bool,
+    /// The threads that bring input do so.
+    listening: bool,
     drives_follow: bool,
 }
 
@@ -31,6 +33,7 @@ impl Bench {
             estimate: Estimate { valid: true, ..Estimate::default() },
             wanted: JointCommand { hip_torque_nm: 10.0, toe_position_m: [0.01; 4], ..JointCommand::default() },
             live: true,
+            listening: true,
             drives_follow: true,
         };
         for drive in &mut bench.feedback.drives {
@@ -52,6 +55,10 @@ impl Bench {
         self.input.now += Span::from_ms(1);
         self.input.index += 1;
         self.snapshot.dead_man = held;
+        if self.listening {
+            self.input.heard_until = [self.input.now; BUSES];
+            self.input.imu_heard_until = self.input.now;
+        }
         if self.live {
             for drive in &mut self.feedback.drives {
                 drive.stamp = self.input.now;
@@ -307,6 +314,24 @@ fn a_stall_of_our_own_costs_a_tick_of_torque_and_not_the_robot() {
 }
 
 #[test]
+fn a_stall_of_the_threads_that_bring_input_costs_torque_and_not_the_robot() {
+    for ms in [7, 28, 45] {
+        let mut bench = Bench::armed();
+        (bench.live, bench.listening) = (false, false);
+        let decisions: Vec<Decision> = (0..ms).map(|_| bench.tick(true)).collect();
+        assert!(decisions.iter().all(|d| d.status.mode == Mode::Armed), "{ms} ms");
+        assert!(decisions.iter().skip(6).all(|d| d.allowed.hip_torque_nm == 0.0), "{ms} ms");
+        (bench.live, bench.listening) = (true, true);
+        (bench.snapshot.imu_age, bench.snapshot.operator_age) = (Span::ZERO, Span::ZERO);
+        bench.run(2, true);
+        assert_eq!(bench.tick(true).allowed.hip_torque_nm, 10.0, "{ms} ms");
+    }
+    let mut bench = Bench::armed();
+    (bench.live, bench.listening) = (false, false);
+    assert_eq!(bench.run(60, true).status.first_fault.code, FaultCode::DriveStale, "longer than the drives' watchdogs");
+}
+
+#[test]
 fn drives_that_stay_silent_after_a_stall_trip_without_having_had_torque() {
     let mut bench = Bench::armed();
     stall(&mut bench, 21);
@@ -342,7 +367,7 @@ proptest! {
         ages in prop::array::uniform4(any::<i64>()),
         state in any_state(),
         flags in any::<[bool; 4]>(),
-        only in 0_usize..12,
+        only in 0_usize..13,
     ) {
         let mut bench = Bench::armed();
         let [leg, hip, stance, swing, rate, innovation, torque, toe] = numbers;
@@ -359,6 +384,11 @@ proptest! {
         if hit(8) { bench.snapshot.imu_age = Span(ages[0]); bench.snapshot.operator_age = Span(ages[1]); }
         if hit(9) { bench.feedback.drives[0].stamp = Stamp(ages[2]); bench.live = flags[0]; }
         if hit(10) { bench.input.now = Stamp(ages[3]); bench.input.skipped = u32::from(flags[1]); }
+        if hit(12) {
+            bench.listening = flags[3];
+            bench.input.heard_until = [Stamp(ages[0]), Stamp(ages[1])];
+            bench.input.imu_heard_until = Stamp(ages[2]);
+        }
         bench.feedback.drives[2].state = if only == 11 { state } else { DriveState::Enabled };
         for step in 0..40 {
             let decision = bench.tick(flags[2] || step % 7 < 3);

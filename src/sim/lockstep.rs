@@ -77,6 +77,11 @@ impl Lockstep {
     pub fn step(&mut self) -> &TickRecord {
         self.plant.advance_to(self.input.now);
         self.collect();
+        self.act()
+    }
+
+    fn act(&mut self) -> &TickRecord {
+        self.input.operator = self.hand.poll(self.input.now, self.record.status.mode);
         self.tick.step(&self.input, &mut self.record);
         for (bus, frames) in self.record.output.send.iter().enumerate() {
             for frame in frames.as_slice() {
@@ -97,6 +102,8 @@ impl Lockstep {
             *batch = FrameBatch { dropped: batch.dropped, ..FrameBatch::default() };
             self.plant.take_frames(bus, batch);
         }
+        input.heard_until = [now; BUSES];
+        input.imu_heard_until = now;
         input.imu.count = 0;
         self.bytes.clear();
         self.plant.take_imu_bytes(&mut self.bytes);
@@ -104,7 +111,6 @@ impl Lockstep {
         if let Some(request) = self.imu.transmit(now) {
             self.plant.deliver_imu_bytes(request.as_slice());
         }
-        input.operator = self.hand.poll(now, self.record.status.mode);
     }
 }
 

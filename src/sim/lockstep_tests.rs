@@ -89,6 +89,51 @@ fn stalls_of_the_machine_do_not_drop_the_robot() {
     }
 }
 
+/// A period in which the robot's thread, or those that bring its input, are not given a core.
+fn stalled_step(lockstep: &mut Lockstep, robot_stalls: bool) -> &TickRecord {
+    let input = &mut lockstep.input;
+    input.received.iter_mut().for_each(|batch| *batch = FrameBatch { dropped: batch.dropped, ..FrameBatch::default() });
+    input.imu.count = 0;
+    if !robot_stalls {
+        lockstep.plant.advance_to(input.now);
+    }
+    lockstep.act()
+}
+
+#[test]
+fn stalls_of_the_robots_thread_or_of_the_input_threads_do_not_drop_the_robot() {
+    for (leg, robot_stalls) in [(&INNER[..], true), (&INNER[..], false), (&OUTER[..], true), (&OUTER[..], false)] {
+        let mut lockstep = Lockstep::new(&config(&[leg])).unwrap();
+        let mut without_torque = 0;
+        for tick in 0..20_000_u32 {
+            let stalls = tick > 2500 && tick % 1009 < 10 + tick / 1000;
+            let record = if stalls { stalled_step(&mut lockstep, robot_stalls) } else { lockstep.step() };
+            without_torque += u32::from(tick > 3500 && record.allowed.hip_torque_nm == 0.0);
+            let status = record.status;
+            assert!(tick < 2500 || status.mode == Mode::Armed, "{leg:?} {robot_stalls} tick {tick}: {status:?}");
+        }
+        println!("{leg:?} {robot_stalls}: {without_torque} ticks without torque");
+        assert!(without_torque > 100, "what the drives said long ago moves no motor");
+    }
+}
+
+/// A thread that brings input and never comes back must not leave the last torque on the drives.
+#[test]
+fn input_threads_that_died_end_in_motors_without_torque() {
+    let mut lockstep = Lockstep::new(&config(&[&INNER])).unwrap();
+    while lockstep.now() < Stamp(3_000_000_000) {
+        lockstep.step();
+    }
+    let mut fault = None;
+    for ms in 0..150 {
+        let status = stalled_step(&mut lockstep, false).status;
+        fault = fault.or((status.mode == Mode::Faulted).then_some((ms, status.first_fault.code)));
+    }
+    println!("{fault:?}");
+    assert!(fault.is_some_and(|(ms, _)| ms <= 60), "{fault:?}");
+    assert!(lockstep.plant().hip_torque_nm().abs() < 1e-9, "the current has died away");
+}
+
 #[test]
 fn trusting_the_measurements_with_raised_gain_rings_near_ten_hertz() {
     let (ringing, torque) = balance(&[&RINGING], 20);

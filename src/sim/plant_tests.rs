@@ -64,7 +64,7 @@ impl Walk {
         for bus in 0..BUSES {
             self.received[bus].clear();
             self.plant.take_frames(bus, &mut self.received[bus]);
-            self.lines[bus].receive(now, &self.received[bus], BusHealth::Active, &mut self.feedbacks);
+            self.lines[bus].receive(now, now, &self.received[bus], BusHealth::Active, &mut self.feedbacks);
             self.sent[bus].clear();
             self.lines[bus].transmit(now, &self.commands, &mut self.sent[bus]);
             for frame in self.sent[bus].as_slice() {

@@ -17,6 +17,7 @@ mod setup;
 use super::budget;
 use super::canopen::{Message, NmtCommand, NmtState, Node};
 use super::pdo::Answer;
+use crate::base::listening::Listening;
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::{RealTime, Robot, Trigger};
 use crate::msg::{BusFrame, BusHealth, CanFrame, DRIVES, DriveCommand, DriveCommands, DriveFeedbacks, FrameBatch};
@@ -96,10 +97,11 @@ pub struct Line {
     echo_timeout: Span,
     heartbeat_every: Span,
     heartbeat_sent: Stamp,
-    period: Span,
-    last: Stamp,
-    /// End of our last stall: what was in flight then has been waiting for us, not we for it.
-    awake_since: Stamp,
+    listening: Listening,
+    /// How long we have listened for a frame in flight since one was last proved to have left.
+    waited: Span,
+    /// Shortest watchdog of the drives: by then a frame must have left, however little we could listen.
+    watchdog: Span,
     sync_in_flight: Option<Stamp>,
     sync_seen: Stamp,
     stall: Option<Stall>,
@@ -133,9 +135,9 @@ impl Line {
             echo_timeout: Span(noticed_by.0 - 2 * real_time.period.0).max(real_time.period),
             heartbeat_every: Span(watchdog.0 / 4),
             heartbeat_sent: Stamp::NEVER,
-            period: real_time.period,
-            last: Stamp::NEVER,
-            awake_since: Stamp::NEVER,
+            listening: Listening::new(real_time.period),
+            waited: Span::ZERO,
+            watchdog,
             sync_in_flight: None,
             sync_seen: Stamp::NEVER,
             stall: None,
@@ -145,12 +147,20 @@ impl Line {
         })
     }
 
-    /// Reads what came since the last cycle and tells what the drives of this bus say.
-    pub fn receive(&mut self, now: Stamp, frames: &FrameBatch, health: BusHealth, feedbacks: &mut DriveFeedbacks) {
+    /// Reads what came since the last cycle, complete up to `heard_until`, and tells what the drives of this bus say.
+    pub fn receive(
+        &mut self,
+        now: Stamp,
+        heard_until: Stamp,
+        frames: &FrameBatch,
+        health: BusHealth,
+        feedbacks: &mut DriveFeedbacks,
+    ) {
+        let listened = self.listening.advance(heard_until);
+        self.waited = if self.is_waiting() { Span(self.waited.0.saturating_add(listened.0)) } else { Span::ZERO };
         for frame in frames.as_slice() {
             self.take(frame);
         }
-        self.note_stall(now);
         self.supervise(now, health);
         for drive in self.drives.iter().flatten() {
             if let Some(feedback) = feedbacks.drives.get_mut(drive.index) {
@@ -237,6 +247,7 @@ impl Line {
     }
 
     fn on_command_echo(&mut self, node: Node) {
+        self.waited = Span::ZERO;
         self.with(node, |drive, _| drive.command_in_flight = None);
     }
 
@@ -249,6 +260,7 @@ impl Line {
     }
 
     fn prove_departure(&mut self, until: Stamp) {
+        self.waited = Span::ZERO;
         for drive in self.drives.iter_mut().flatten() {
             if drive.command_in_flight.is_some_and(|at| at <= until) {
                 drive.command_in_flight = None;
@@ -260,6 +272,7 @@ impl Line {
         if self.stall.is_some_and(|s| s.probe.is_some()) {
             self.stall = None;
             self.sync_in_flight = None;
+            self.waited = Span::ZERO;
         }
     }
 
@@ -275,20 +288,13 @@ impl Line {
         }
     }
 
-    fn note_stall(&mut self, now: Stamp) {
-        if now.since(self.last).0 >= self.period.0.saturating_mul(2) {
-            self.awake_since = now;
-        }
-        self.last = now;
-    }
-
     fn supervise(&mut self, now: Stamp, health: BusHealth) {
         for drive in self.drives.iter_mut().flatten() {
             drive.supervise(now);
         }
         let link_dead = matches!(health, BusHealth::Off | BusHealth::Down);
         let dead = link_dead || health == BusHealth::Stalled;
-        let overdue = self.is_overdue(now);
+        let overdue = self.waited > self.echo_timeout || self.in_flight_for(now) > self.watchdog;
         match &mut self.stall {
             None if dead || overdue => {
                 self.counters.stalls += 1;
@@ -304,9 +310,14 @@ impl Line {
         }
     }
 
-    fn is_overdue(&self, now: Stamp) -> bool {
+    /// How long the oldest frame in flight has been so.
+    fn in_flight_for(&self, now: Stamp) -> Span {
         let oldest = self.drives.iter().flatten().filter_map(|d| d.command_in_flight).chain(self.sync_in_flight).min();
-        oldest.is_some_and(|sent| now.since(sent.max(self.awake_since)) > self.echo_timeout)
+        oldest.map_or(Span::ZERO, |sent| now.since(sent))
+    }
+
+    fn is_waiting(&self) -> bool {
+        self.sync_in_flight.is_some() || self.drives.iter().flatten().any(|drive| drive.command_in_flight.is_some())
     }
 
     fn probe(&mut self, now: Stamp, out: &mut FrameBatch) {

@@ -23,7 +23,7 @@ fn cycle(line: &mut Line, now: Stamp, sent: &FrameBatch, more: &[CanFrame]) -> (
         received.push(BusFrame { stamp: now, frame: *frame });
     }
     let mut feedbacks = DriveFeedbacks::default();
-    line.receive(now, &received, BusHealth::Active, &mut feedbacks);
+    line.receive(now, now, &received, BusHealth::Active, &mut feedbacks);
     let mut out = FrameBatch::default();
     line.transmit(now, &DriveCommands::default(), &mut out);
     (out, feedbacks)
@@ -124,7 +124,7 @@ fn without_echo_the_bus_stalls_and_only_the_probe_is_sent_until_it_is_echoed() {
     let mut feedbacks = DriveFeedbacks::default();
     let mut sent = Vec::new();
     for k in 0..60 {
-        line.receive(at_ms(k), &FrameBatch::default(), BusHealth::Active, &mut feedbacks);
+        line.receive(at_ms(k), at_ms(k), &FrameBatch::default(), BusHealth::Active, &mut feedbacks);
         let mut out = FrameBatch::default();
         line.transmit(at_ms(k), &DriveCommands::default(), &mut out);
         sent.push(ids(&out));
@@ -147,7 +147,7 @@ fn a_bus_that_is_off_is_left_alone_until_it_is_back() {
     let mut line = line(0);
     let mut feedbacks = DriveFeedbacks::default();
     for k in 0..300 {
-        line.receive(at_ms(k), &FrameBatch::default(), BusHealth::Off, &mut feedbacks);
+        line.receive(at_ms(k), at_ms(k), &FrameBatch::default(), BusHealth::Off, &mut feedbacks);
         let mut out = FrameBatch::default();
         line.transmit(at_ms(k), &DriveCommands::default(), &mut out);
         assert_eq!(out.count, 0);

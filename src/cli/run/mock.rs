@@ -1,6 +1,7 @@
 //! The simulated robot in this process, in real time on its own thread. RT: no, though it runs at real-time priority
 //! where granted, as the hardware that it stands for would not wait either.
 
+use crate::base::listening::Pulse;
 use crate::base::time::{Span, Stamp};
 use crate::bus::Receive;
 use crate::bus::loopback::{Loopback, LoopbackRx, LoopbackTx};
@@ -14,6 +15,7 @@ use crate::sim::plant::Plant;
 use crate::sim::world;
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
+use std::sync::Arc;
 use std::thread::{Builder, JoinHandle};
 
 /// The plant looks at its wires so often: a frame waits half of this on average, as in an adapter.
@@ -28,6 +30,8 @@ pub(super) struct MockParts {
     pub(super) ends: [Option<Loopback>; BUSES],
     /// The far end of the IMU's line, if that is simulated.
     pub(super) serial: Option<UnixStream>,
+    /// How far the robot has lived, for those who wait for its answers.
+    pub(super) pulse: Arc<Pulse>,
 }
 
 /// A running simulated robot; dropping it switches it off.
@@ -68,6 +72,7 @@ struct Body {
     plant: Plant,
     ends: [Option<(LoopbackTx, LoopbackRx)>; BUSES],
     serial: Option<UnixStream>,
+    pulse: Arc<Pulse>,
     batch: FrameBatch,
     bytes: Vec<u8>,
 }
@@ -77,7 +82,8 @@ impl Body {
         let mut plant = Plant::with_world(&parts.config, world);
         plant.start_at(clock::now());
         let ends = parts.ends.map(|end| end.map(Loopback::split));
-        Self { plant, ends, serial: parts.serial, batch: FrameBatch::default(), bytes: Vec::with_capacity(4096) }
+        let (batch, bytes) = (FrameBatch::default(), Vec::with_capacity(4096));
+        Self { plant, ends, serial: parts.serial, pulse: parts.pulse, batch, bytes }
     }
 
     fn run(mut self, stop: &Stop) {
@@ -106,6 +112,7 @@ impl Body {
             // A full line drops bytes; the reader resynchronises.
             drop(serial.write(&self.bytes));
         }
+        self.pulse.beat(now);
     }
 
     fn hear(&mut self) {

@@ -1,6 +1,8 @@
 //! From the configuration's backends to wires: the same threads on simulated and real devices. RT: no.
 
 use super::mock::MockParts;
+use crate::base::listening::Pulse;
+use crate::base::time::Stamp;
 use crate::bus::loopback::{self, Loopback};
 use crate::bus::socketcan::{End, SocketCan, link_report};
 use crate::config::checked::{BusBackend, BusConfig, Config, SerialBackend};
@@ -15,6 +17,7 @@ use anyhow::Context;
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::{AsRawFd, RawFd};
 use std::os::unix::net::UnixStream;
+use std::sync::Arc;
 
 /// Wires, opened.
 pub(super) struct Wiring {
@@ -32,24 +35,26 @@ pub(super) fn is_simulated(config: &Config) -> bool {
 
 /// Opens everything that the configuration names.
 pub(super) fn open(config: &Config) -> anyhow::Result<Wiring> {
-    let [(bus0, robot0, missing0), (bus1, robot1, missing1)] = [open_bus(config, 0)?, open_bus(config, 1)?];
-    let (line, serial) = open_imu(config)?;
+    let pulse = Arc::default();
+    let [(bus0, robot0, missing0), (bus1, robot1, missing1)] =
+        [open_bus(config, 0, &pulse)?, open_bus(config, 1, &pulse)?];
+    let (line, serial) = open_imu(config, &pulse)?;
     let ends = [robot0, robot1];
     let mocked = ends.iter().any(Option::is_some) || serial.is_some();
     Ok(Wiring {
         buses: [bus0, bus1],
         imu: ImuPort::new(ImuReader::new(&config.robot.imu), line),
         hand: Hand::open(config).context("robot.operator.source")?,
-        mock: mocked.then(|| MockParts { config: config.clone(), ends, serial }),
+        mock: mocked.then(|| MockParts { config: config.clone(), ends, serial, pulse }),
         missing: missing0 | missing1,
     })
 }
 
-fn open_bus(config: &Config, bus: usize) -> anyhow::Result<(BusPort, Option<Loopback>, Missing)> {
+fn open_bus(config: &Config, bus: usize, pulse: &Arc<Pulse>) -> anyhow::Result<(BusPort, Option<Loopback>, Missing)> {
     let settings = &config.robot.buses[bus];
     match &settings.backend {
         BusBackend::Mock => {
-            let (host, robot) = loopback::mock()?;
+            let (host, robot) = loopback::mock(pulse)?;
             let (transmit, receive) = host.split();
             let last_words = Box::new(transmit.clone());
             let port = BusPort { transmit: Box::new(transmit), receive: Box::new(receive), last_words };
@@ -71,13 +76,13 @@ fn open_socket(name: &str, settings: &BusConfig) -> std::io::Result<(BusPort, Mi
     Ok((BusPort { transmit: Box::new(transmit), receive: Box::new(receive), last_words }, missing))
 }
 
-fn open_imu(config: &Config) -> anyhow::Result<(Box<dyn ByteLine>, Option<UnixStream>)> {
+fn open_imu(config: &Config, pulse: &Arc<Pulse>) -> anyhow::Result<(Box<dyn ByteLine>, Option<UnixStream>)> {
     match &config.robot.imu.backend {
         SerialBackend::Mock => {
             let (host, device) = UnixStream::pair()?;
             host.set_nonblocking(true)?;
             device.set_nonblocking(true)?;
-            Ok((Box::new(MockLine(host)), Some(device)))
+            Ok((Box::new(MockLine { host, robot: Arc::clone(pulse) }), Some(device)))
         }
         SerialBackend::Device(path) => {
             let line =
@@ -88,11 +93,14 @@ fn open_imu(config: &Config) -> anyhow::Result<(Box<dyn ByteLine>, Option<UnixSt
 }
 
 /// The serial line of the simulated IMU.
-struct MockLine(UnixStream);
+struct MockLine {
+    host: UnixStream,
+    robot: Arc<Pulse>,
+}
 
 impl ByteLine for MockLine {
     fn read(&mut self, buffer: &mut [u8]) -> Option<usize> {
-        match self.0.read(buffer) {
+        match self.host.read(buffer) {
             Ok(0) => None,
             Ok(count) => Some(count),
             Err(error) => matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted).then_some(0),
@@ -100,11 +108,15 @@ impl ByteLine for MockLine {
     }
 
     fn write(&mut self, bytes: &[u8]) -> bool {
-        self.0.write(bytes).is_ok_and(|count| count == bytes.len())
+        self.host.write(bytes).is_ok_and(|count| count == bytes.len())
     }
 
     fn readable_fd(&self) -> RawFd {
-        self.0.as_raw_fd()
+        self.host.as_raw_fd()
+    }
+
+    fn complete_until(&self, now: Stamp) -> Stamp {
+        self.robot.last().min(now)
     }
 }
 

@@ -122,11 +122,12 @@ pub(super) fn spawn_io(
     mut imu: ImuPort,
 ) -> Result<Vec<JoinHandle<()>>, ProcessError> {
     let mut threads = Vec::new();
+    let period = timing.period;
     for ((bus, mut wire), config) in buses.into_iter().enumerate().zip(timing.bus) {
-        let turn = move |shared: &Shared| io::serve_bus(bus, wire.as_mut(), &shared.inbox, &shared.awaited);
+        let turn = move |shared: &Shared| io::serve_bus(bus, wire.as_mut(), &shared.inbox, &shared.awaited, period);
         threads.push(spawn_turns(shared, &format!("bus{bus}"), config, turn)?);
     }
-    let turn = move |shared: &Shared| io::serve_imu(&mut imu, &shared.inbox);
+    let turn = move |shared: &Shared| io::serve_imu(&mut imu, &shared.inbox, period);
     threads.push(spawn_turns(shared, "imu", timing.imu, turn)?);
     Ok(threads)
 }

@@ -11,7 +11,7 @@ fn tick() -> Tick {
 
 fn input(index: u64) -> TickInput {
     let now = Stamp(1_000_000_000) + Span::from_ms(i64::try_from(index).unwrap());
-    let mut input = TickInput { index, now, ..TickInput::default() };
+    let mut input = TickInput { index, now, heard_until: [now; BUSES], imu_heard_until: now, ..TickInput::default() };
     input.operator = OperatorSample { stamp: now, dead_man: index % 100 > 50, sequence: 1 };
     input.imu.push(ImuSample { stamp: now, has_attitude: true, euler_rad: [0.0, 0.02, 0.0], ..ImuSample::default() });
     for (bus, batch) in input.received.iter_mut().enumerate() {
