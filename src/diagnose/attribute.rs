@@ -4,8 +4,9 @@
 //! Forward: a round of trials, the best that is believed is kept, until none is. Then the contest swaps and leaves out.
 //! RT: no.
 
-use crate::diagnose::belief::{believed, is_patched, is_worth, simplest_first};
+use crate::diagnose::belief::{believed, is_patched, is_unresolved, is_worth, simplest_first};
 use crate::diagnose::candidates::Candidate;
+use crate::diagnose::contest::reconsidered;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::round::round;
@@ -30,9 +31,19 @@ pub struct Selection {
     pub added: Vec<Added>,
     /// The last round, which brought nothing.
     pub last: Vec<Trial>,
+    /// True if there was no time for another round.
+    pub cut_short: bool,
 }
 
 impl Selection {
+    /// Adds `best`; the rest of the last round are its rivals.
+    fn add(&mut self, best: Trial, context: &Context) {
+        let removed = removed(&self.found, &best.hypothesis, context);
+        let others = std::mem::take(&mut self.last);
+        self.added.push(Added { candidate: best.candidate, others, gain: best.gain, removed });
+        self.found = best.hypothesis;
+    }
+
     /// From a better fit of the same effects.
     fn go_on_from(&mut self, better: Hypothesis) {
         if self.added.is_empty() {
@@ -41,6 +52,10 @@ impl Selection {
         self.found = better;
     }
 }
+
+/// Another round begins only if it should end within this effort, by what the last one took. Some 20 s on two cores; an
+/// answer with fewer effects is better than none, and counted effort gives the same answer on any computer.
+const MOST_EFFORT: u64 = 400_000_000;
 
 /// How often a selection may start again from a better base.
 const RESTARTS: usize = 3;
@@ -85,9 +100,17 @@ pub fn forward(
     context: &Context,
     mut said: impl FnMut(&str),
 ) -> Selection {
-    let mut all = Selection { base: base.clone(), found: base.clone(), added: Vec::new(), last: Vec::new() };
-    let (mut explained, mut restarts) = (0.0, 0);
+    let (added, last) = (Vec::new(), Vec::new());
+    let mut all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
+    let (mut explained, mut restarts, mut begun) = (0.0, 0, None);
     loop {
+        let spent = all.found.problem.effort.spent();
+        if begun.is_some_and(|begun| 2 * spent - begun > MOST_EFFORT) {
+            said("no time for another round");
+            (all.last, all.cut_short) = (Vec::new(), true);
+            return all;
+        }
+        begun = Some(spent);
         let candidates = library(&all.found);
         said(&format!("{} candidates", candidates.len()));
         all.last = round(&all.found, &candidates, context, &mut said);
@@ -108,10 +131,10 @@ pub fn forward(
         }
         let left_out = OnceCell::new();
         let mut asked = 0..all.last.len().min(TRIED);
-        let Some(i) = asked.find(|i| believed(&all.found, &left_out, &all.last[*i], explained, context, &mut said))
-        else {
-            return all;
-        };
+        let told = |i: &usize| !is_unresolved(&all.found, &all.last[*i], &all.last, context);
+        let believed =
+            asked.find(|i| told(i) && believed(&all.found, &left_out, &all.last[*i], explained, context, &mut said));
+        let Some(i) = believed else { return all };
         if i > 0
             && restarts < RESTARTS
             && let Some(better) = shaken_free(&all.found, &all.last[i], context)
@@ -123,10 +146,9 @@ pub fn forward(
         }
         let best = unstuck(&all.found, all.last.remove(i), context, &mut said);
         explained += best.gain;
-        let share = removed(&all.found, &best.hypothesis, context);
-        let others = std::mem::take(&mut all.last);
-        all.added.push(Added { candidate: best.candidate, others, gain: best.gain, removed: share });
-        all.found = best.hypothesis;
+        all.add(best, context);
+        let given = all.found.rig.effects.len() - all.added.len();
+        all.found = reconsidered(all.found, &mut all.added, given, context, &mut said);
     }
 }
 

@@ -6,10 +6,11 @@ use crate::diagnose::candidates::Candidate;
 use crate::diagnose::folds::LeftOut;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::is_misfit;
+use crate::diagnose::tables::estimates;
 use crate::diagnose::tried::{Context, Trial, at_zero, compare, worth};
 use crate::diagnose::unlisted::is_patch;
-use crate::model::effect::EffectKind;
-use crate::model::rig::{Sensor, Value};
+use crate::model::effect::{EffectKind, Key, Role};
+use crate::model::rig::{Effect, Scope, Sensor, Slot, Value};
 use std::cell::OnceCell;
 
 /// Least gain of a further effect, in parts of what those before it gained.
@@ -34,18 +35,22 @@ pub fn is_worth(base: &Hypothesis, trial: &Trial, explained_before: f64, context
         && share
         && admitted
         && !at_zero(trial)
-        && !is_cut_off(trial)
+        && !trial.hypothesis.rig.effects.last().is_some_and(is_cut_off)
 }
 
-/// A resonance at the edge of the range in which it was sought was not found: it stands for a slower or faster motion
-/// that is no resonance, and one without damping for a vibration from elsewhere (the design's "no bound hit").
-fn is_cut_off(trial: &Trial) -> bool {
-    let Some(effect) = trial.hypothesis.rig.effects.last() else { return false };
+/// A number at the edge of the range in which it was sought was not found (the design's "no bound hit"): a resonance
+/// there stands for a slower or faster motion that is none, one without damping for a vibration from elsewhere, a
+/// memory as long as a window for the start of each window. Nothing at all is no such edge.
+#[must_use]
+pub fn is_cut_off(effect: &Effect) -> bool {
     let hits = |value: &Value| {
-        let at = |bound: f64| (value.value / bound - 1.0).abs() < AT_EDGE;
+        let at = |bound: f64| bound != 0.0 && (value.value / bound - 1.0).abs() < AT_EDGE;
         value.bounds.is_some_and(|b| at(b.min) || at(b.max))
     };
-    effect.get("frequency").is_some_and(|f| hits(&f) || effect.get("damping").is_some_and(|d| hits(&d)))
+    let resonance =
+        effect.get("frequency").is_some_and(|f| hits(&f) || effect.get("damping").is_some_and(|d| hits(&d)));
+    let strength = |(key, value): (&Key, &Value)| matches!(key.role, Role::Strength(_)) && hits(value);
+    resonance || effect.kind.keys().iter().zip(&effect.values).any(strength)
 }
 
 /// Nearer to its bound than this part a number hits it.
@@ -55,16 +60,23 @@ const AT_EDGE: f64 = 0.01;
 #[must_use]
 pub fn is_piece(base: &Hypothesis, trial: &Trial, context: &Context) -> bool {
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
-    periods(base, trial) < if misfit { PERIODS } else { 0.5 * PERIODS } || misfit && is_patched(base, &trial.candidate)
+    periods(base, trial) < if misfit { PERIODS } else { LEAST_PERIODS } || misfit && is_patched(base, &trial.candidate)
 }
 
 /// Fewer periods than this within the travel are no ripple that anyone could tell from another law of position.
 const PERIODS: f64 = 3.0;
 
+/// The same where it leaves nothing but noise: half a wave is a parabola.
+const LEAST_PERIODS: f64 = 0.75;
+
 /// Periods of a trial's ripple within the travel; infinite for other effects.
 fn periods(base: &Hypothesis, trial: &Trial) -> f64 {
-    let ripple = trial.hypothesis.rig.effects.last().filter(|e| e.kind == EffectKind::TorqueRipple);
-    let Some(order) = ripple.and_then(|e| e.get("order")) else { return f64::INFINITY };
+    waves(base, trial).unwrap_or(f64::INFINITY)
+}
+
+/// Periods of a trial's ripple within the travel; none for other effects, or where no sensor tells the travel.
+fn waves(base: &Hypothesis, trial: &Trial) -> Option<f64> {
+    let ripple = trial.hypothesis.rig.effects.last().filter(|e| e.kind == EffectKind::TorqueRipple)?;
     let joint = base.rig.mechanism.coordinate_index(&trial.candidate.at);
     let travel = |(c, sensor): (usize, &Sensor)| {
         let all = base.problem.recordings.iter().flat_map(|r| &r.measured[c]).filter(|x| x.is_finite());
@@ -72,8 +84,7 @@ fn periods(base: &Hypothesis, trial: &Trial) -> f64 {
         if Some(sensor.joint) == joint && !sensor.is_rate { high - low } else { 0.0 }
     };
     let range = base.rig.sensors.iter().enumerate().map(travel).fold(0.0, f64::max);
-    // No sensor on this coordinate alone: nothing is known of its travel.
-    if range > 0.0 { order.value * range / (2.0 * std::f64::consts::PI) } else { f64::INFINITY }
+    (range > 0.0).then_some(ripple.get("order")?.value * range / (2.0 * std::f64::consts::PI))
 }
 
 /// True if `candidate` fits a piece of anything on this machine.
@@ -94,10 +105,51 @@ pub fn believed(
     if !is_worth(now, trial, explained, context) {
         return false;
     }
+    if is_doubtful(&trial.hypothesis) {
+        said(&format!("   {} is not two deviations from nothing", trial.candidate.effect));
+        return false;
+    }
     let left_out = left_out.get_or_init(|| LeftOut::of(now, &context.floors)).as_ref();
     let Some(kept) = left_out.and_then(|l| l.kept_by(&trial.hypothesis, &context.floors)) else { return true };
     said(&format!("   {} keeps {:.2} of its gain on recordings left out", trial.candidate.effect, kept));
     kept >= LEAST_KEPT || trial.candidate.only.is_some()
+}
+
+/// True if the last effect's strength is less than two deviations from nothing, with all that widens an interval: where
+/// misfit stays a gain may be all of a piece, and the same data then do not tell its strength.
+fn is_doubtful(of: &Hypothesis) -> bool {
+    let of = of.clone().with_intervals();
+    let (Some(e), known) = (of.rig.effects.len().checked_sub(1), estimates(&of)) else { return false };
+    let unsure = |(k, key): (usize, &Key)| {
+        let (Role::Strength(nothing), slot) = (key.role, Slot::Effect(Scope::Rig, e, k)) else { return false };
+        let fitted = of.problem.theta.index_of_slot(slot).map(|i| known[i].1);
+        fitted.is_some_and(|x| (x.value - nothing).abs() < SURE * x.std)
+    };
+    of.rig.effects[e].kind.keys().iter().enumerate().any(unsure)
+}
+
+/// Deviations from nothing from which a strength is believed.
+const SURE: f64 = 2.0;
+
+/// True for a ripple in smooth misfit whose order the data do not tell: another order at the same joint explains nearly as
+/// much, more than two waves over the travel resemble each other.
+#[must_use]
+pub fn is_unresolved(base: &Hypothesis, trial: &Trial, others: &[Trial], context: &Context) -> bool {
+    let Some(mine) = waves(base, trial).filter(|_| is_misfit(&trial.hypothesis.residuals, &context.floors)) else {
+        return false;
+    };
+    let rival = |other: &Trial| {
+        let of_other = if other.candidate.at == trial.candidate.at { waves(base, other) } else { None };
+        of_other
+            .is_some_and(|w| (w - mine).abs() > 0.0 && other.gain > 0.5 * (1.0 + resemblance(w - mine)) * trial.gain)
+    };
+    others.iter().any(rival)
+}
+
+/// Part of a wave's energy that another can take over which differs by so many periods within the travel.
+fn resemblance(periods: f64) -> f64 {
+    let x = std::f64::consts::PI * periods;
+    if x == 0.0 { 1.0 } else { (libm::sin(x) / x).powi(2) }
 }
 
 /// Smallest part of its gain that an effect must keep on recordings that it was not fitted to.
@@ -122,5 +174,22 @@ pub fn simplest_first(trials: &mut Vec<Trial>) {
     if let Some(i) = simple {
         let simple = trials.remove(i);
         trials[0] = simple;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waves_that_differ_by_a_period_have_nothing_in_common() {
+        assert!(resemblance(1.0) < 1e-12 && (resemblance(0.0) - 1.0).abs() < 1e-12);
+        assert!((0.3..0.5).contains(&resemblance(0.5)), "{}", resemblance(0.5));
+    }
+
+    #[test]
+    fn a_memory_at_the_end_of_its_range_was_not_found_but_none_is_none() {
+        let lag = |x: f64| Effect::new(EffectKind::SensorLag, "q", vec![Value::free(x, 0.0, 0.01)]);
+        assert!(is_cut_off(&lag(0.01)) && !is_cut_off(&lag(0.006)) && !is_cut_off(&lag(0.0)));
     }
 }

@@ -1,11 +1,14 @@
-//! The contest after the selection: every effect that was added is exchanged for its close rivals, and left out.
+//! The contest of effects that were added: each is exchanged for its close rivals in the company of the others; after the
+//! selection it is left out as well.
 //!
 //! RT: no.
 
-use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_piece};
+use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_cut_off, is_piece};
+use crate::diagnose::carry::goes_on;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, worth};
 use crate::identify::fit::Limits;
+use crate::model::rig::Effect;
 
 /// Swap and backward: every effect of `found` is exchanged for its close rivals in the company of the others, and
 /// left out; what is better stays. `first` is the index of the first added effect in the rig.
@@ -30,7 +33,7 @@ pub fn contested(
             continue;
         }
         added[i].gain = kept.total;
-        let rivals = exchanged(&found, &added[i], first + i, context);
+        let rivals = exchanged(&found, &added[i], first + i, context, CLOSE * leading(&added[i]));
         if let Some(better) = rivals.first().filter(|r| is_better(&found, r, &added[i], kept.total, context)) {
             let old = Trial { candidate: added[i].candidate.clone(), hypothesis: found, gain: kept.total };
             (found, added[i].candidate) = (better.hypothesis.clone(), better.candidate.clone());
@@ -50,13 +53,52 @@ fn is_better(found: &Hypothesis, rival: &Trial, added: &Added, kept: f64, contex
     compare(found, &rival.hypothesis, context).total < -least.max(10.0)
 }
 
-/// The close rivals of effect `e`, fitted in its place; best first, gains relative to leaving it out.
-fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context) -> Vec<Trial> {
+/// Part of the best rival's gain from which a rival is close.
+const CLOSE: f64 = 0.4;
+
+/// Part of an effect's own gain from which a rival is so near that company may turn the order round.
+const NEAR: f64 = 0.9;
+
+/// Gain of the best rival.
+fn leading(added: &Added) -> f64 {
+    added.others.first().map_or(0.0, |other| other.gain)
+}
+
+/// Swap alone, with the near rivals of each effect before the last: one that was chosen while another was missing may
+/// have been the wrong one of two, and a third effect would be called to make up for it.
+#[must_use]
+pub fn reconsidered(
+    mut found: Hypothesis,
+    added: &mut [Added],
+    first: usize,
+    context: &Context,
+    said: &mut impl FnMut(&str),
+) -> Hypothesis {
+    for i in 0..added.len().saturating_sub(1) {
+        let own = added[i].gain;
+        let rivals = exchanged(&found, &added[i], first + i, context, NEAR * own);
+        let Some(better) = rivals.into_iter().next().filter(|r| is_better(&found, r, &added[i], own, context)) else {
+            continue;
+        };
+        let (before, after) = (&added[i].candidate, &better.candidate);
+        said(&format!("   {}@{} in the place of {}@{}", after.effect, after.at, before.effect, before.at));
+        let old = Trial { candidate: before.clone(), hypothesis: found, gain: own };
+        added[i].others.retain(|t| t.candidate != better.candidate);
+        added[i].others.insert(0, old);
+        (found, added[i].candidate) = (better.hypothesis, better.candidate);
+    }
+    found
+}
+
+/// The rivals of effect `e` that gained more than `least`, fitted in its place, as far as they are believable; best first,
+/// gains relative to leaving it out.
+fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context, least: f64) -> Vec<Trial> {
     let admitted = added.others.iter().filter(|t| !is_piece(found, t, context));
-    let close = admitted.filter(|t| t.gain > 0.4 * added.others.first().map_or(0.0, |o| o.gain)).take(4);
+    let close = admitted.filter(|t| t.gain > least).take(4);
     let one = |trial: &Trial| {
         let mut rig = found.rig.clone();
-        rig.effects[e] = trial.hypothesis.rig.effects.last()?.clone();
+        let is_its = |effect: &&Effect| effect.kind.id() == trial.candidate.effect && effect.at == trial.candidate.at;
+        rig.effects[e] = trial.hypothesis.rig.effects.iter().rev().find(is_its)?.clone();
         if trial.candidate.motor_sensor.is_some() {
             rig.sensors.clone_from(&trial.hypothesis.rig.sensors);
         }
@@ -67,6 +109,12 @@ fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context) -> 
         Some(Trial { candidate: trial.candidate.clone(), hypothesis, gain: added.gain - behind })
     };
     let mut out: Vec<Trial> = close.filter_map(one).collect();
+    out.retain(|trial| !is_cut_off(&trial.hypothesis.rig.effects[e]));
+    if out.iter().any(|trial| trial.candidate.has_inner_states()) {
+        let without = left_out(found, e, context);
+        let goes_on = |t: &Trial| without.as_ref().is_none_or(|w| goes_on(w, &t.hypothesis, &context.floors));
+        out.retain(goes_on);
+    }
     out.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     out
 }

@@ -101,6 +101,21 @@ pub fn white(residuals: &Residuals, floors: &[f64]) -> Vec<Colour> {
     residuals.iter().zip(floors).map(one).collect()
 }
 
+/// White noise so large that the loss is a square: what smooth misfit is weighed by, as none of it is an outlier and its
+/// largest errors are what a prediction will show again.
+#[must_use]
+pub fn squares(residuals: &Residuals, floors: &[f64]) -> Vec<Colour> {
+    let one = |(runs, floor): (&Vec<Vec<f64>>, &f64)| {
+        let count = runs.iter().map(Vec::len).sum::<usize>().max(1) as f64;
+        let rms = libm::sqrt(runs.iter().flatten().map(|x| x * x).sum::<f64>() / count);
+        if floor.is_finite() { Colour::white(SQUARE * rms.max(*floor)) } else { MUTE }
+    };
+    residuals.iter().zip(floors).map(one).collect()
+}
+
+/// Root mean squares below which the loss is a square.
+const SQUARE: f64 = 3.0;
+
 fn robust_spread(all: &[f64]) -> f64 {
     // The robust spread, but never below a third of the plain one: a mismatch that lives in a few places is no outlier.
     let rms = libm::sqrt(all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64);

@@ -45,10 +45,10 @@ fn tangent(of: &Hypothesis, blanks: &[(Setting, Recording)], forces: &Rig, windo
     rollout.simulate(0, &of.point.states[window], &mut readings).ok()?;
     let states: Vec<Vec<f64>> = (0..rows.len()).map(|k| readings.channels.iter().map(|c| c[k]).collect()).collect();
     let mut stepper = Stepper::new(forces, recording, of.problem.fidelity.refine)?;
-    let output = stepper.outputs();
+    let (output, rates) = (stepper.outputs(), stepper.rates());
     let (phi, gamma) = stepper.steps(&rows, &states)?;
     let t_s = recording.times[rows].to_vec();
-    Some(Tangent { recording: r, t_s, states, phi, gamma, output })
+    Some(Tangent { recording: r, t_s, states, phi, gamma, rates, output })
 }
 
 /// Runs single rows of one recording in dual numbers.
@@ -103,6 +103,13 @@ impl<'r> Stepper<'r> {
     fn outputs(&self) -> Vec<StateRow> {
         let row = |c: usize| StateRow::from_fn(|i, _| if i < self.states { self.machine.read(c).d[i] } else { 0.0 });
         (0..self.machine.sensors()).map(row).collect()
+    }
+
+    /// Rate of each coordinate by the state.
+    fn rates(&self) -> Vec<StateRow> {
+        let seen = self.seen(self.states);
+        let row = |j: usize| StateRow::from_fn(|i, _| if i < self.states { seen[(self.joints + j, i)] } else { 0.0 });
+        (0..self.joints).map(row).collect()
     }
 
     fn steps(&mut self, rows: &Range<usize>, states: &[Vec<f64>]) -> Option<(Vec<StateMap>, Vec<InputMap>)> {

@@ -8,6 +8,7 @@ pub mod attribute;
 pub mod base;
 pub mod belief;
 pub mod candidates;
+pub mod carry;
 pub mod contest;
 pub mod flexible;
 pub mod folds;

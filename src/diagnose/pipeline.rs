@@ -7,7 +7,7 @@ use crate::diagnose::base::{as_given, drop_spikes, fit_recordings, fitted, floor
 use crate::diagnose::contest::contested;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::laws;
-use crate::diagnose::likelihood::{samples, white};
+use crate::diagnose::likelihood::{is_misfit, samples, squares, white};
 use crate::diagnose::linearise::tangents;
 use crate::diagnose::localise::places;
 use crate::diagnose::propose::candidates;
@@ -21,10 +21,12 @@ use crate::diagnose::suspicion::{at_bounds, suspicions};
 use crate::diagnose::tables::{headline, parameter_lines, ranking, undetermined_combinations};
 use crate::diagnose::tried::{Added, Context, Trial, compare, worth};
 use crate::diagnose::unlisted::{Unlisted, unexplained};
+use crate::diagnose::valley::wandered;
 use crate::diagnose::verdict::{Diagnosis, Findings, Law, Missing, Trace, Verdict, verdict_of};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
 use crate::identify::floor::complaints;
+use crate::identify::noise::Colour;
 use crate::identify::rollout::{Pooled, RolloutError, free_run};
 use crate::model::rig::{Rig, Use};
 use std::sync::Arc;
@@ -75,10 +77,13 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let library = |now: &Hypothesis| {
         let Some(windows) = tangents(now) else { return Vec::new() };
         let scales = scales(now, &windows, &pooled);
-        let Some(screen) = Screen::new(&now.problem, &now.point, &now.noise) else { return Vec::new() };
-        candidates(now, &scales, &screen, &windows)
+        let screen = |noise: &[Colour]| Screen::new(&now.problem, &now.point, noise);
+        let (Some(fine), Some(coarse)) = (screen(&now.noise), screen(&white(&now.residuals, &context.floors))) else {
+            return Vec::new();
+        };
+        candidates(now, &scales, [&fine, &coarse], &windows)
     };
-    let Selection { base, found, added, last } = forward(&base, library, &context, &mut said);
+    let Selection { base, found, added, last, cut_short } = forward(&base, library, &context, &mut said);
     let refit = compare(&base, &given, &context);
     let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
     said(&format!("re-fit gains {:.0}", refit.total));
@@ -92,6 +97,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let (base, found) = (base.with_intervals(), found.with_intervals());
     let answer = Found { given, base, found, added, rest, refit_needed };
     let mut warnings = warnings(experiment, &dropped);
+    warnings.extend(cut_short.then(|| CUT_SHORT.to_owned()));
     let explained = answer.explained();
     warnings.extend(suspicions(explained, &context.floors));
     warnings.extend(at_bounds(explained, &experiment.rig));
@@ -101,6 +107,10 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     findings.diagnosis.seconds = began.elapsed().as_secs_f64();
     Ok(Answer { findings, model: answer.model(experiment) })
 }
+
+/// What to say of a search that ended early.
+const CUT_SHORT: &str = "the search for further effects ended at its limit of work: more may be missing than is named; \
+                         shorter or fewer recordings let it go on";
 
 /// What a fit starts from: its recordings, the spread of their channels and the smallest residuals.
 pub(super) fn ready(experiment: &Experiment) -> Result<(Vec<Recording>, Pooled, Vec<f64>), DiagnoseError> {
@@ -140,14 +150,16 @@ fn no_worse(base: Hypothesis, given: &Hypothesis, floors: &[f64]) -> Hypothesis 
     finer.filter(|h| total(h) > total(&base)).unwrap_or(base)
 }
 
-/// The last fit of the answer, under the noise that it leaves and to the last digit that counts.
+/// The last fit of the answer, to the last digit that counts: under the noise that it leaves, or by squares where that is
+/// misfit, then out of a false minimum too.
 fn settled(found: Hypothesis, context: &Context) -> Hypothesis {
-    let total = |h: &Hypothesis| -> f64 { h.blocks(&found.noise).iter().sum() };
-    let finer = found.polished(&found.noise, &context.floors, Limits { iterations: 25, tolerance: 1e-7 });
-    match finer {
-        Some(finer) if total(&finer) >= total(&found) => finer,
-        _ => found,
-    }
+    let misfit = is_misfit(&found.residuals, &context.floors);
+    let noise = if misfit { squares(&found.residuals, &context.floors) } else { found.noise.clone() };
+    let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
+    let finer = found.polished(&noise, &context.floors, Limits { iterations: 25, tolerance: 1e-7 });
+    let finer = finer.filter(|f| total(f) >= total(&found)).unwrap_or(found);
+    let other = if misfit { wandered(&finer, context) } else { None };
+    other.filter(|o| total(o) > total(&finer)).unwrap_or(finer)
 }
 
 /// The recording on which the rig as given runs away, and when: what a person can mend.

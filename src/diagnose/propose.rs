@@ -5,7 +5,7 @@
 use crate::diagnose::candidates::{Candidate, JointScale, Key, Scales, library};
 use crate::diagnose::flexible::flexibility;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::scan::{Hit, jump, push, ripple};
+use crate::diagnose::scan::{Hit, jump, linear, push, ripple};
 use crate::diagnose::screen::Screen;
 use crate::diagnose::tangent::Tangent;
 use crate::model::effect::EffectKind;
@@ -14,9 +14,17 @@ use crate::model::rig::{MechanismKind, Side};
 /// Largest number of periods per turn (or per travel) of a torque ripple that is looked for.
 const MOST_PERIODS: usize = 60;
 
-/// Every candidate on top of `now` that is not in its rig already.
+/// Every candidate on top of `now` that is not in its rig already. `fine`, `coarse`: under the noise that the residual
+/// shows, and under white noise of its size. While something is missing the first takes what is slow in it for noise,
+/// the second what is fast.
 #[must_use]
-pub fn candidates(now: &Hypothesis, scales: &Scales, screen: &Screen, windows: &[Tangent]) -> Vec<Candidate> {
+pub fn candidates(
+    now: &Hypothesis,
+    scales: &Scales,
+    [fine, coarse]: [&Screen; 2],
+    windows: &[Tangent],
+) -> Vec<Candidate> {
+    let screen = fine;
     let mut all: Vec<Candidate> = library(scales).into_iter().filter(|c| !stands(now, c)).collect();
     for (j, joint) in scales.joints.iter().enumerate() {
         let narrow = |c: &Candidate| c.at == joint.name && ["link_flexibility", "joint_elasticity"].contains(&c.effect);
@@ -25,8 +33,15 @@ pub fn candidates(now: &Hypothesis, scales: &Scales, screen: &Screen, windows: &
             all.iter_mut().filter(|c| narrow(c)).for_each(|c| start_at_lines(c, joint, &lines));
         }
     }
-    for (j, _) in scales.joints.iter().enumerate() {
-        all.extend(ripple_candidate(scales, screen, windows, j));
+    for spring in all.iter_mut().filter(|c| c.effect == "parallel_spring") {
+        if let Some(j) = scales.joints.iter().position(|joint| joint.name == spring.at) {
+            start_at_line(spring, &linear(screen, windows, j).amplitudes);
+        }
+    }
+    for (j, joint) in scales.joints.iter().enumerate() {
+        if joint.borne {
+            all.extend(ripple_candidates(scales, [fine, coarse], windows, j));
+        }
         all.extend(push_candidate(now, scales, screen, windows, j));
     }
     for channel in 0..now.rig.sensors.len() {
@@ -80,6 +95,16 @@ fn start_at_lines(candidate: &mut Candidate, joint: &JointScale, lines: &[Hit<(f
     }
 }
 
+/// The force of a spring is linear in its stiffness and in stiffness times rest, but bent in the two themselves: from a
+/// weak spring a fit creeps along a valley of far rests. It starts at the linear solution as well.
+fn start_at_line(spring: &mut Candidate, amplitudes: &[f64]) {
+    let [stiffness, level] = amplitudes[..] else { return };
+    let start = [stiffness, level / stiffness];
+    if stiffness > 0.0 && start.iter().zip(&spring.keys).all(|(x, k)| (k.min..=k.max).contains(x)) {
+        spring.starts.push(start.to_vec());
+    }
+}
+
 /// Orders worth trying: whole numbers per turn; on a rail, whole numbers per travel.
 fn orders(scales: &Scales, joint: usize) -> Vec<f64> {
     let j = &scales.joints[joint];
@@ -92,28 +117,47 @@ fn orders(scales: &Scales, joint: usize) -> Vec<f64> {
     }
 }
 
-fn ripple_candidate(scales: &Scales, screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Candidate> {
-    let Hit { at: order, score } = ripple(screen, windows, joint, &orders(scales, joint))?;
-    let (sine, cosine) = (score.amplitudes[0], score.amplitudes[1]);
+/// Times the amplitude of the scan from which a ripple starts: where friction holds the base, its tangent feels no force,
+/// and where it follows a ripple it was mistuned for it; the scan then finds too little.
+const LOUDER: [f64; 2] = [1.0, 3.0];
+
+/// Orders of a scan that are handed on: where the base is far from the truth, the order of a ripple is not the best.
+const ORDERS: usize = 3;
+
+fn ripple_candidates(scales: &Scales, screens: [&Screen; 2], windows: &[Tangent], joint: usize) -> Vec<Candidate> {
+    let orders = orders(scales, joint);
+    let hits = screens.iter().flat_map(|screen| ripple(screen, windows, joint, &orders).into_iter().take(ORDERS));
+    let mut out: Vec<Candidate> = Vec::new();
+    for candidate in hits.map(|hit| ripple_candidate(scales, &hit, joint)) {
+        // One order, one candidate, all starts.
+        match out.iter_mut().find(|c| c.keys[1] == candidate.keys[1]) {
+            Some(same) => {
+                same.keys[0].max = same.keys[0].max.max(candidate.keys[0].max);
+                same.starts.extend(candidate.starts);
+            }
+            None => out.push(candidate),
+        }
+    }
+    out
+}
+
+fn ripple_candidate(scales: &Scales, hit: &Hit<f64>, joint: usize) -> Candidate {
+    let (order, sine, cosine) = (hit.at, hit.score.amplitudes[0], hit.score.amplitudes[1]);
     let amplitude = libm::hypot(sine, cosine).max(1e-12);
     let free = |name, min, max| Key { name, min, max, log: false };
-    let fixed = Key {
-        name: "order",
-        min: order,
-        max: if scales.joints[joint].turns { order } else { order * 1.1 },
-        log: false,
-    };
-    let fixed = if scales.joints[joint].turns { fixed } else { Key { min: order * 0.9, ..fixed } };
-    let keys = vec![free("amplitude", 0.0, 30.0 * amplitude), fixed, free("phase", -12.0, 12.0)];
-    Some(Candidate {
+    let turns = scales.joints[joint].turns;
+    let (min, max) = if turns { (order, order) } else { (0.9 * order, 1.1 * order) };
+    let keys = vec![free("amplitude", 0.0, 30.0 * amplitude), free("order", min, max), free("phase", -12.0, 12.0)];
+    let phase = libm::atan2(cosine, sine);
+    Candidate {
         effect: "torque_ripple",
         at: scales.joints[joint].name.clone(),
         keys,
-        starts: vec![vec![amplitude, order, libm::atan2(cosine, sine)]],
+        starts: LOUDER.iter().map(|louder| vec![louder * amplitude, order, phase]).collect(),
         only: None,
         motor_sensor: None,
         side: Side::Link,
-    })
+    }
 }
 
 fn file(now: &Hypothesis, window: &Tangent) -> Option<String> {

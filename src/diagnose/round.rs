@@ -5,15 +5,18 @@
 //! RT: no.
 
 use crate::diagnose::candidates::{Candidate, look_alike};
+use crate::diagnose::carry::{goes_on, has_more_states};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{blocks, white};
 use crate::diagnose::screen::{Column, Own, Screen};
 use crate::diagnose::thin::{Thin, thinned};
 use crate::diagnose::tried::{Context, Trial, with_effect, worth};
-use crate::identify::fit::{FreeRuns, Limits, Series};
+use crate::identify::fit::{FreeRuns, Limits, Point, Series};
 use crate::identify::noise::Colour;
+use crate::identify::problem::Problem;
 use crate::model::rig::{Scope, Slot};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Candidates that are fitted in full per round.
 const FITTED: usize = 5;
@@ -110,12 +113,19 @@ fn slopes(runs: &[Vec<Series>], j: usize) -> Column {
     runs.iter().map(|window| window.iter().map(|s| s.slopes[j].clone()).collect()).collect()
 }
 
-/// The candidates worth a full fit: the best, and every lookalike of the best three at the same place or any.
+/// The candidates worth a full fit: the best, and every lookalike of the best three at the same place or any. What has
+/// inner states promises much wherever windows are many and may be no effect ([`goes_on`]): the best of the others
+/// are fitted as well.
 fn chosen<'c>(ranked: &[Ranked<'c>]) -> Vec<(&'c Candidate, Vec<f64>)> {
     let leaders: Vec<&Candidate> = ranked.iter().take(3).map(|r| r.0).collect();
     let wanted =
         |(i, (c, ..)): &(usize, &Ranked<'_>)| *i < FITTED || leaders.iter().any(|l| look_alike(l.effect, c.effect));
-    ranked.iter().enumerate().filter(wanted).take(FITTED + 5).map(|(_, (c, s, _))| (*c, s.clone())).collect()
+    let mut out: Vec<usize> = ranked.iter().enumerate().filter(wanted).take(FITTED + 5).map(|(i, _)| i).collect();
+    let plain = ranked.iter().enumerate().filter(|(_, (c, ..))| !c.has_inner_states()).take(FITTED);
+    out.extend(plain.map(|(i, _)| i));
+    out.sort_unstable();
+    out.dedup();
+    out.into_iter().map(|i| (ranked[i].0, ranked[i].1.clone())).collect()
 }
 
 /// All candidates of one round on top of `base`, best first by what they gain.
@@ -138,17 +148,63 @@ pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context, mut sa
     for (c, start, gain) in ranked.iter().take(8) {
         said(&format!("   {:20} {:12} promises {gain:9.1} from {start:.4?}", c.effect, c.at));
     }
+    let most = allowance(few);
     let fitted = |(candidate, start): (&Candidate, Vec<f64>)| {
         let (problem, point) = few.extended(with_effect(&few.rig, candidate, &start));
-        let hypothesis = Hypothesis::fitted(problem, point, &noise, &context.floors, COARSE)?;
+        let hypothesis = within(most, base, problem, point, (&noise, COARSE), context)?;
         Some(Trial { candidate: candidate.clone(), hypothesis, gain: 0.0 })
     };
     let mut trials: Vec<Trial> = chosen(&ranked).into_par_iter().filter_map(fitted).collect();
     rank(few, &mut trials, rule);
     trials = gone_on(base, thin.as_ref(), trials, &noise, context);
-    said("fitted");
+    said(&format!("fitted, effort {:.1} M", 1e-6 * base.problem.effort.spent() as f64));
+    let all = trials.into_par_iter();
+    trials = all.filter(|trial| goes_on(base, &trial.hypothesis, &context.floors)).collect();
     polish(base, &mut trials, context);
     trials
+}
+
+/// A candidate's fit may cost so many linearisations of the model that it is added to. A stiff spring that is the answer
+/// takes up to 40 (ten times the steps, four linearisations); a play that chatters or a spring that runs off to a rod
+/// would take thousands. Who is cut off stands with what it has reached.
+const LINEARISATIONS: u64 = 100;
+
+/// What a candidate's fit on the windows of `base` may cost.
+fn allowance(base: &Hypothesis) -> u64 {
+    let problem = base.problem.clone().with_allowance(u64::MAX);
+    // Only a run knows its steps. It carries two numbers for each coordinate, a linearisation its directions as well.
+    let directions = base.point.parameters.len() + base.point.states.first().map_or(0, Vec::len);
+    let ran = problem.residuals(&base.point).is_some();
+    u64::from(ran) * LINEARISATIONS * problem.effort.spent() * (directions as u64 + 2) / 2
+}
+
+/// A fit that may cost `most`; what it costs is counted by `base`.
+fn within(
+    most: u64,
+    base: &Hypothesis,
+    problem: Problem,
+    point: Point,
+    (noise, limits): (&[Colour], Limits),
+    context: &Context,
+) -> Option<Hypothesis> {
+    let problem = problem.with_allowance(most);
+    let own = Arc::clone(&problem.effort);
+    let hypothesis = Hypothesis::fitted(problem, point, noise, &context.floors, limits);
+    base.problem.effort.add(own.spent());
+    let mut hypothesis = hypothesis?;
+    hypothesis.problem.effort = Arc::clone(&base.problem.effort);
+    Some(hypothesis)
+}
+
+/// `trial` fitted on from where it stands, under another noise.
+fn further(
+    most: u64,
+    base: &Hypothesis,
+    trial: &Hypothesis,
+    how: (&[Colour], Limits),
+    context: &Context,
+) -> Option<Hypothesis> {
+    within(most, base, trial.problem.clone(), trial.point.clone(), how, context)
 }
 
 /// The leaders fitted on, to all windows; who is far behind after a few steps does not catch up. Where the first fits
@@ -156,14 +212,15 @@ pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context, mut sa
 fn gone_on(
     base: &Hypothesis,
     thin: Option<&Thin>,
-    mut trials: Vec<Trial>,
+    trials: Vec<Trial>,
     noise: &[Colour],
     context: &Context,
 ) -> Vec<Trial> {
-    let leading = trials.iter().take(LEADING).filter(|t| t.gain > BEHIND * trials[0].gain).count();
+    let (mut trials, leading) = leaders_first(base, trials);
+    let most = allowance(base);
     let Some(thin) = thin else {
         trials[..leading].par_iter_mut().for_each(|trial| {
-            let finer = trial.hypothesis.polished(noise, &context.floors, COARSE);
+            let finer = further(most, base, &trial.hypothesis, (noise, COARSE), context);
             if let Some(finer) = finer.filter(|f| f.likelihood > trial.hypothesis.likelihood) {
                 trial.hypothesis = finer;
             }
@@ -173,10 +230,27 @@ fn gone_on(
     trials.truncate(leading);
     let wide = |trial: Trial| {
         let (problem, point) = thin.widened(base, &trial.hypothesis);
-        let hypothesis = Hypothesis::fitted(problem, point, noise, &context.floors, COARSE)?;
+        let hypothesis = within(most, base, problem, point, (noise, COARSE), context)?;
         Some(Trial { hypothesis, ..trial })
     };
     trials.into_par_iter().filter_map(wide).collect()
+}
+
+/// Those that go on first, best first, and how many. What has inner states may turn out to be no effect ([`goes_on`]):
+/// it takes no place from those that have none, nor is it their measure.
+fn leaders_first(base: &Hypothesis, trials: Vec<Trial>) -> (Vec<Trial>, usize) {
+    let has_inner = |t: &Trial| has_more_states(base, &t.hypothesis);
+    let leads = |all: Vec<Trial>| -> (Vec<Trial>, Vec<Trial>) {
+        let most = all.first().map_or(0.0, |t| t.gain);
+        let count = all.iter().take(LEADING).filter(|t| t.gain > BEHIND * most).count();
+        let mut all = all;
+        let rest = all.split_off(count);
+        (all, rest)
+    };
+    let (inner, plain): (Vec<Trial>, Vec<Trial>) = trials.into_iter().partition(has_inner);
+    let ((first, rest), (others, behind)) = (leads(plain), leads(inner));
+    let count = first.len() + others.len();
+    ([first, others, rest, behind].into_iter().flatten().collect(), count)
 }
 
 /// Orders trials by their likelihood under the noise that the best of them leaves, and notes what each gains there.
@@ -206,13 +280,14 @@ fn rank(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
 /// Fits the leaders again under the noise that the best of them leaves, twice, as the leader may change.
 pub fn polish(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
     let limits = Limits { iterations: 5, tolerance: 1e-4 };
+    let most = allowance(base);
     for _ in 0..2 {
         rank(base, trials, context);
         let Some(noise) = trials.first().map(|t| t.hypothesis.noise.clone()) else { return };
         let count = trials.iter().take(POLISHED).filter(|t| t.gain > 0.5 * trials[0].gain).count();
         trials[..count].par_iter_mut().for_each(|trial| {
             let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
-            let finer = trial.hypothesis.polished(&noise, &context.floors, limits);
+            let finer = further(most, base, &trial.hypothesis, (&noise, limits), context);
             if let Some(finer) = finer.filter(|f| total(f) >= total(&trial.hypothesis)) {
                 trial.hypothesis = finer;
             }

@@ -32,6 +32,7 @@ pub fn scales(of: &Hypothesis, windows: &[Tangent], pooled: &Pooled) -> Scales {
             .collect(),
         step_s: median(&steps),
         duration_s: recordings.iter().map(|r| r.times[r.len() - 1] - r.times[0]).fold(0.0, f64::max),
+        window_s: of.problem.longest_s(),
         leg_m: compass.then(|| parameter("leg_length_m")),
         weight_n: parameter("total_mass_kg") * parameter("gravity_m_s2"),
         walks: recordings.iter().any(|r| r.setup == Some(Setup::Walk)),
@@ -55,6 +56,13 @@ fn joint(of: &Hypothesis, windows: &[Tangent], j: usize) -> JointScale {
     let column = |i: usize| -> Vec<f64> { windows.iter().flat_map(|w| w.states.iter().map(move |s| s[i])).collect() };
     let (angle, rate) = (column(j), column(coordinates + j));
     let extreme = |sign: f64| angle.iter().map(|x| sign * x).fold(f64::NEG_INFINITY, f64::max);
+    let stroke = |w: &Tangent| {
+        let extreme = |sign: f64| w.states.iter().map(|s| sign * s[j]).fold(f64::NEG_INFINITY, f64::max);
+        0.5 * (extreme(1.0) + extreme(-1.0))
+    };
+    let mut strokes: Vec<f64> = windows.iter().map(stroke).collect();
+    strokes.sort_by(f64::total_cmp);
+    let stroke = strokes.get(strokes.len() * 9 / 10).copied().unwrap_or(0.0).max(1e-9);
     let driven: Vec<usize> = (0..of.rig.actuators.len()).filter(|a| of.rig.actuators[*a].joint == j).collect();
     let name = of.rig.mechanism.coordinates()[j];
     let coulomb = (of.rig.effects.iter().filter(|e| e.kind == EffectKind::CoulombFriction && e.at == name))
@@ -68,7 +76,18 @@ fn joint(of: &Hypothesis, windows: &[Tangent], j: usize) -> JointScale {
     let inertial = inertia * rate * rate / travel;
     let torque = driven.iter().map(|a| peak(of, *a)).sum::<f64>().max(0.3 * inertial);
     let turns = of.rig.mechanism != MechanismKind::Slider;
-    JointScale { name: name.into(), torque, rate, travel, inertia, coulomb, driven: !driven.is_empty(), turns }
+    let borne = of.problem.recordings.iter().any(|r| is_borne(name, r.setup));
+    let driven = !driven.is_empty();
+    JointScale { name: name.into(), torque, rate, travel, stroke, inertia, coulomb, driven, turns, borne }
+}
+
+/// True if joint `name` has a bearing in this set-up: the hip always, a leg about a pinned toe or a held hip.
+fn is_borne(name: &str, setup: Option<Setup>) -> bool {
+    match name {
+        "inner" => matches!(setup, Some(Setup::InnerStance | Setup::OuterFixed | Setup::Parallel)),
+        "outer" => matches!(setup, Some(Setup::OuterStance | Setup::InnerFixed | Setup::Parallel)),
+        _ => true,
+    }
 }
 
 /// Inertia that a force at joint `j` feels: median over the rows of time over change of rate, where it moves at all (a
@@ -77,8 +96,7 @@ fn inertia(windows: &[Tangent], j: usize) -> f64 {
     let mut all: Vec<(f64, f64)> = Vec::new();
     for w in windows {
         for k in (0..w.rows().saturating_sub(1)).step_by(7) {
-            // Of the joint's own column the largest response counts: that of a rate, a row being short.
-            all.push((w.gamma[k].column(j).amax(), w.t_s[k + 1] - w.t_s[k]));
+            all.push((w.rates[j].dot(&w.gamma[k].column(j)).abs(), w.t_s[k + 1] - w.t_s[k]));
         }
     }
     let most = all.iter().map(|(change, dt)| change / dt).fold(0.0, f64::max);

@@ -20,14 +20,23 @@ fn best<T: Send>(hits: Vec<Hit<T>>) -> Option<Hit<T>> {
     hits.into_iter().max_by(|a, b| a.score.gain.total_cmp(&b.score.gain))
 }
 
-/// Best order of a torque that goes with `sin` and `cos` of `order * q`. Amplitudes: sine, cosine.
+/// Orders of a torque that goes with `sin` and `cos` of `order * q`, best first. Amplitudes: sine, cosine.
 #[must_use]
-pub fn ripple(screen: &Screen, windows: &[Tangent], joint: usize, orders: &[f64]) -> Option<Hit<f64>> {
+pub fn ripple(screen: &Screen, windows: &[Tangent], joint: usize, orders: &[f64]) -> Vec<Hit<f64>> {
     let one = |order: &f64| {
         let wave = |shift: f64| force_column(windows, joint, move |w, k| libm::sin(order * w.states[k][joint] + shift));
         Hit { at: *order, score: screen.score(&[wave(0.0), wave(std::f64::consts::FRAC_PI_2)]) }
     };
-    best(orders.par_iter().map(one).collect())
+    let mut hits: Vec<Hit<f64>> = orders.par_iter().map(one).collect();
+    hits.sort_by(|a, b| b.score.gain.total_cmp(&a.score.gain));
+    hits
+}
+
+/// A force that falls linearly with the coordinate: amplitudes of its slope and of its level at zero.
+#[must_use]
+pub fn linear(screen: &Screen, windows: &[Tangent], joint: usize) -> Score {
+    let level = force_column(windows, joint, |_, _| 1.0);
+    screen.score(&[force_column(windows, joint, |w, k| -w.states[k][joint]), level])
 }
 
 /// Best instant of one push at `joint`: window and row. The amplitude is an impulse.

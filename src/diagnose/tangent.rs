@@ -36,6 +36,8 @@ pub struct Tangent {
     pub phi: Vec<StateMap>,
     /// Derivative of the next state by a constant force at each joint during the row.
     pub gamma: Vec<InputMap>,
+    /// Rate of each coordinate by state.
+    pub rates: Vec<StateRow>,
     /// Readings by state, per channel.
     pub output: Vec<StateRow>,
 }
@@ -115,6 +117,7 @@ pub(crate) mod tests {
                 100
             ],
             gamma: vec![InputMap::from_fn(|i, j| if j == 0 { [0.5 * h * h, h, 0.0, 0.0][i] } else { 0.0 }); 100],
+            rates: vec![StateRow::new(0.0, 1.0, 0.0, 0.0)],
             output: vec![StateRow::new(1.0, 0.0, 0.0, 0.0)],
         }
     }

@@ -17,9 +17,10 @@ const ENOUGH: usize = 6000;
 /// Samples that tell from which start one step promises most.
 const LOOK: usize = 3000;
 
-/// Fewest windows that are kept of a recording: each has initial states of its own, and two or three of them can be
-/// overlaid by wrong base parameters whatever is missing.
-const LEAST: usize = 8;
+/// Fewest windows that are kept, over all recordings and of each: a window has initial states of its own, and a few of
+/// them can be overlaid by wrong base parameters whatever is missing.
+const LEAST: usize = 16;
+const LEAST_OF_EACH: usize = 3;
 
 /// A hypothesis on some of its windows.
 pub struct Thin {
@@ -77,9 +78,10 @@ fn evenly(problem: &Problem, part: usize) -> Option<Vec<usize>> {
         return None;
     }
     let mut kept = Vec::new();
+    let least = LEAST.div_ceil(problem.recordings.len().max(1)).max(LEAST_OF_EACH);
     for r in 0..problem.recordings.len() {
         let mine: Vec<usize> = (0..problem.windows.len()).filter(|w| problem.windows[*w].0 == r).collect();
-        let count = mine.len().div_ceil(part).max(LEAST).min(mine.len());
+        let count = mine.len().div_ceil(part).max(least).min(mine.len());
         kept.extend((0..count).map(|i| mine[i * mine.len() / count]));
     }
     (kept.len() < problem.windows.len()).then_some(kept)

@@ -8,7 +8,7 @@
 //! RT: no.
 
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::likelihood::white;
+use crate::diagnose::likelihood::squares;
 use crate::diagnose::tried::Context;
 use crate::identify::fit::{FreeRuns, Limits, Point, cost, fit, present};
 use crate::identify::noise::Colour;
@@ -36,7 +36,7 @@ const LAST: Limits = Limits { iterations: 10, tolerance: 1e-6 };
 /// `now` fitted again from the best place within reach. `None` where the valley is no such one, or nothing is better.
 #[must_use]
 pub fn wandered(now: &Hypothesis, context: &Context) -> Option<Hypothesis> {
-    let noise = white(&now.residuals, &context.floors);
+    let noise = squares(&now.residuals, &context.floors);
     let size = now.point.parameters.len() + now.point.states.iter().map(Vec::len).sum::<usize>();
     if size > MOST_NUMBERS {
         return None;

@@ -7,6 +7,7 @@
 #[cfg(test)]
 mod at_truth;
 pub mod covariance;
+pub mod effort;
 pub mod experiment;
 pub mod fit;
 pub mod floor;

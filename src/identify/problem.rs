@@ -5,8 +5,10 @@
 //! full-horizon least squares from a poor guess fell into false minima in 8 of 8 runs.
 //! RT: no.
 
+use crate::identify::effort::Effort;
 use crate::identify::experiment::Recording;
 use crate::identify::fit::{Bound, FreeRuns, Point, Series};
+use crate::identify::noise::Colour;
 use crate::identify::rollout::{Fidelity, Linearised, Readings, Rollout};
 use crate::identify::theta::{Entry, Theta};
 use crate::model::effect::Role;
@@ -35,6 +37,8 @@ pub struct Problem {
     pub spans: Vec<Range<usize>>,
     /// How finely runs are integrated.
     pub fidelity: Fidelity,
+    /// What runs of this problem and of all that come from it have cost.
+    pub effort: Arc<Effort>,
 }
 
 /// Smallest ratio of bounds from which a positive number is fitted as a logarithm.
@@ -59,14 +63,30 @@ impl Problem {
                 spans.push(rows);
             }
         }
-        Self { rig, theta, logarithmic, recordings, settings, windows, spans, fidelity: Fidelity::default() }
+        Self {
+            rig,
+            theta,
+            logarithmic,
+            recordings,
+            settings,
+            windows,
+            spans,
+            fidelity: Fidelity::default(),
+            effort: Arc::default(),
+        }
     }
 
     /// The same windows with another rig.
     #[must_use]
     pub fn with_rig(&self, rig: Rig) -> Self {
-        let (windows, spans) = (self.windows.clone(), self.spans.clone());
-        Self { fidelity: self.fidelity, windows, spans, ..Self::shared(rig, Arc::clone(&self.recordings)) }
+        let (windows, spans, effort) = (self.windows.clone(), self.spans.clone(), Arc::clone(&self.effort));
+        Self { fidelity: self.fidelity, windows, spans, effort, ..Self::shared(rig, Arc::clone(&self.recordings)) }
+    }
+
+    /// The same, counting for itself up to `most`; [`Self::is_exhausted`](FreeRuns::is_exhausted) then.
+    #[must_use]
+    pub fn with_allowance(self, most: u64) -> Self {
+        Self { effort: Arc::new(Effort::of_at_most(most)), ..self }
     }
 
     /// The same with some of the windows.
@@ -80,11 +100,12 @@ impl Problem {
     /// The same problem with windows of at most `horizon_s`.
     #[must_use]
     pub fn with_horizon(&self, horizon_s: f64) -> Self {
-        let cut = |recording: &Recording| {
+        let shorter = |recording: &Recording| {
             let window_s = Some(recording.window_s.map_or(horizon_s, |w| w.min(horizon_s)));
             Recording { window_s, ..recording.clone() }
         };
-        Self::new(self.rig.clone(), self.recordings.iter().map(cut).collect())
+        let cut = Self::new(self.rig.clone(), self.recordings.iter().map(shorter).collect());
+        Self { effort: Arc::clone(&self.effort), ..cut }
     }
 
     /// Longest window, s.
@@ -134,6 +155,16 @@ impl Problem {
         Point { parameters: self.vector(), states }
     }
 
+    /// The initial state of one window, sought by itself: from the guess, on horizons that grow, with probes; as a prediction
+    /// is made. `None` if the run fails.
+    #[must_use]
+    pub fn sought(&self, window: usize, at: &Point, noise: &[Colour]) -> Option<Vec<f64>> {
+        let theta = Theta { values: self.values(&at.parameters), ..self.theta.clone() };
+        let rollout = self.rollout(window, &theta);
+        let weights: Vec<f64> = noise.iter().map(|c| 1.0 / c.sigma).collect();
+        rollout.fit_initial(0, &weights, &rollout.guess(0)).ok()
+    }
+
     fn guess(&self, window: usize) -> Vec<f64> {
         self.rollout(window, &self.theta).guess(0)
     }
@@ -142,6 +173,20 @@ impl Problem {
     fn rollout(&self, window: usize, theta: &Theta) -> Rollout<'_> {
         let r = self.windows[window].0;
         Rollout::of_window(&self.settings[r], theta, &self.recordings[r], self.spans[window].clone(), self.fidelity)
+            .counted(&self.effort)
+    }
+
+    /// How many numbers of one window's state are coordinates and rates (a set-up may hold a leg); inner states follow.
+    #[must_use]
+    pub fn rigid(&self, window: usize) -> usize {
+        self.rollout(window, &self.theta).rigid_len()
+    }
+
+    /// Where the run of one window is when the next one starts; `None` at the end of a recording, or if it fails.
+    #[must_use]
+    pub fn arrived(&self, window: usize, at: &Point) -> Option<Vec<f64>> {
+        let theta = Theta { values: self.values(&at.parameters), ..self.theta.clone() };
+        self.rollout(window, &theta).arrived(0, &at.states[window]).ok()?
     }
 
     /// Brings the states of `point` to the length that this problem's rig has: new inner states start as guessed.
@@ -201,6 +246,10 @@ impl FreeRuns for Problem {
 
     fn reach(&self, index: usize) -> f64 {
         if self.logarithmic[index] { REACH } else { f64::INFINITY }
+    }
+
+    fn is_exhausted(&self) -> bool {
+        self.effort.is_exhausted()
     }
 
     fn run(&self, window: usize, parameters: &[f64], state: &[f64], slopes: bool) -> Option<Vec<Series>> {

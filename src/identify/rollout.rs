@@ -27,10 +27,11 @@ mod run;
 #[cfg(test)]
 mod tests;
 
+use super::effort::Effort;
 use super::experiment::Recording;
 use super::theta::Theta;
 use crate::base::scalar::{Dual, Scalar};
-use crate::model::machine::{Machine, MachineError};
+use crate::model::machine::{Inner, Machine, MachineError};
 use crate::model::rig::{Rig, Slot};
 use crate::model::setting::{Number, Setting};
 use rayon::prelude::*;
@@ -99,6 +100,8 @@ pub struct Rollout<'r> {
     moved: Vec<(Slot, f64)>,
     windows: Vec<Range<usize>>,
     fidelity: Fidelity,
+    /// Where runs are counted, if anyone wants to know.
+    effort: Option<&'r Effort>,
 }
 
 /// Directions carried by one run: few enough to stay in registers and cache, many enough to share the values' cost.
@@ -112,7 +115,8 @@ impl<'r> Rollout<'r> {
     /// The rig asks for something the machine cannot do.
     pub fn new(rig: &Rig, recording: &'r Recording, fidelity: Fidelity) -> Result<Self, RolloutError> {
         let setting = Cow::Owned(Setting::of(rig, Some(recording.index), recording.setup));
-        let rollout = Self { recording, setting, moved: Vec::new(), windows: recording.windows(), fidelity };
+        let rollout =
+            Self { recording, setting, moved: Vec::new(), windows: recording.windows(), fidelity, effort: None };
         rollout.plain_machine()?;
         Ok(rollout)
     }
@@ -128,7 +132,13 @@ impl<'r> Rollout<'r> {
         fidelity: Fidelity,
     ) -> Self {
         let moved = theta.entries.iter().map(|e| e.slot).zip(theta.values.iter().copied()).collect();
-        Self { recording, setting: Cow::Borrowed(setting), moved, windows: vec![rows], fidelity }
+        Self { recording, setting: Cow::Borrowed(setting), moved, windows: vec![rows], fidelity, effort: None }
+    }
+
+    /// The same, its runs counted.
+    #[must_use]
+    pub fn counted(self, effort: &'r Effort) -> Self {
+        Self { effort: Some(effort), ..self }
     }
 
     /// The recording.
@@ -149,6 +159,13 @@ impl<'r> Rollout<'r> {
         self.plain_machine().map_or(0, |machine| machine.initial_layout().len())
     }
 
+    /// How many of these are coordinates and rates, which come first.
+    #[must_use]
+    pub fn rigid_len(&self) -> usize {
+        let is_rigid = |what: &Inner| matches!(what, Inner::Coordinate(_) | Inner::Rate(_));
+        self.plain_machine().map_or(0, |machine| machine.initial_layout().iter().filter(|w| is_rigid(w)).count())
+    }
+
     /// Runs one window from `initial`.
     ///
     /// # Errors
@@ -159,6 +176,20 @@ impl<'r> Rollout<'r> {
         out.channels = vec![vec![0.0; rows.len()]; self.setting.sensors.len()];
         let channels = &mut out.channels;
         self.run(&mut machine, rows, initial, &mut |channel, row, y: f64| channels[channel][row] = y)
+    }
+
+    /// Where one window's run from `initial` is when the next window starts; `None` after the last row of the recording.
+    ///
+    /// # Errors
+    /// The simulation diverged.
+    pub fn arrived(&self, window: usize, initial: &[f64]) -> Result<Option<Vec<f64>>, RolloutError> {
+        let rows = self.windows[window].clone();
+        if rows.end >= self.recording.len() {
+            return Ok(None);
+        }
+        let mut machine = self.plain_machine()?;
+        self.run(&mut machine, rows.start..rows.end + 1, initial, &mut |_, _, _: f64| {})?;
+        Ok(Some(machine.state()))
     }
 
     /// Runs one window from `initial` and differentiates by all of `theta` and by `initial`.

@@ -25,6 +25,7 @@ mod contact;
 mod events;
 mod foot;
 mod hold;
+mod impulse;
 mod motion;
 mod solve;
 mod start;
@@ -107,6 +108,8 @@ pub struct Machine<S> {
     keeps_history: bool,
     step_s: f64,
     refine: u32,
+    /// RK4 steps since it was built, those of the search for events included.
+    steps: u64,
 }
 
 impl<S: Scalar> Machine<S> {
@@ -114,6 +117,12 @@ impl<S: Scalar> Machine<S> {
     #[must_use]
     pub fn now_s(&self) -> f64 {
         self.now.value()
+    }
+
+    /// Integration steps since it was built, and the generalised coordinates that each of them moved.
+    #[must_use]
+    pub const fn steps(&self) -> (u64, usize) {
+        (self.steps, self.plant.n)
     }
 
     /// Number of pickups (sensors).

@@ -4,6 +4,13 @@ use super::dice::Dice;
 use super::effect::{Effect, NONE};
 use super::rig::{Kind, Rig};
 
+/// What only walking shows.
+const OF_WALKING: [&str; 6] =
+    ["foot_slip", "elastic_impact", "toe_compliance", "ground_slope", "counterweight", "round_foot"];
+
+/// Each of them comes so many times as often as any other effect.
+const OF_WALKING_WEIGHT: usize = 3;
+
 /// Effects that make sense on a machine and are not in its base already.
 pub(super) fn candidates(rig: &Rig) -> Vec<&'static str> {
     let mut of = vec![
@@ -26,6 +33,9 @@ pub(super) fn candidates(rig: &Rig) -> Vec<&'static str> {
     });
     if rig.sensors.len() > 1 {
         of.extend(["sensor_delay", "sensor_scale"]);
+    }
+    if rig.kind == Kind::Walker {
+        of.extend([OF_WALKING; OF_WALKING_WEIGHT].concat());
     }
     of.extend(by_kind(rig.kind));
     if rig.kind == Kind::Walker {
@@ -74,30 +84,7 @@ fn by_kind(kind: Kind) -> &'static [&'static str] {
             "link_flexibility",
             "counterweight",
         ],
-        // What only walking shows comes thrice as often as each of the others.
-        Kind::Walker => &[
-            "foot_slip",
-            "elastic_impact",
-            "toe_compliance",
-            "ground_slope",
-            "counterweight",
-            "round_foot",
-            "foot_slip",
-            "elastic_impact",
-            "toe_compliance",
-            "ground_slope",
-            "counterweight",
-            "round_foot",
-            "foot_slip",
-            "elastic_impact",
-            "toe_compliance",
-            "ground_slope",
-            "counterweight",
-            "round_foot",
-            "sensor_bias",
-            "parallel_spring",
-            "torque_ripple",
-        ],
+        Kind::Walker => &["sensor_bias", "parallel_spring", "torque_ripple"],
     }
 }
 

@@ -104,6 +104,18 @@ fn sensor(measures: &'static str, column: &'static str, row: Pair, noise: f64) -
     Sensor { measures, column, row, is_rate: measures.ends_with("_rate"), noise, quantum: 0.0 }
 }
 
+/// A machine of one driven joint.
+fn one_joint(
+    kind: Kind,
+    values: BTreeMap<String, f64>,
+    uncertain: Vec<String>,
+    (input, gain): (&'static str, f64),
+    sensors: Vec<Sensor>,
+) -> Rig {
+    let joints = vec![("q1", input, gain)];
+    Rig { kind, values, uncertain, joints, sensors, spring: [0.0; 2], window_s: 2.0, setup: "" }
+}
+
 fn pendulum(dice: &mut Dice, kind: Kind) -> Rig {
     let inertia = dice.log_between(0.004, 0.05);
     let gravity = if kind == Kind::Rotor { 0.0 } else { inertia * dice.between(25.0, 80.0) };
@@ -120,16 +132,7 @@ fn pendulum(dice: &mut Dice, kind: Kind) -> Rig {
         sensors.push(sensor("q1_rate", "q1_rad_s", [1.0, 0.0], 0.04));
     }
     let gain = torque * dice.log_between(0.02, 2.0);
-    Rig {
-        kind,
-        values,
-        uncertain,
-        joints: vec![("q1", "u_v", gain)],
-        sensors,
-        spring: [0.0; 2],
-        window_s: 2.0,
-        setup: "",
-    }
+    one_joint(kind, values, uncertain, ("u_v", gain), sensors)
 }
 
 fn slider(dice: &mut Dice) -> Rig {
@@ -141,16 +144,7 @@ fn slider(dice: &mut Dice) -> Rig {
     let uncertain = values.keys().cloned().collect();
     let gain = mass * dice.log_between(0.2, 5.0);
     let sensors = vec![sensor("q1", "x_m", [1.0, 0.0], 0.000_2)];
-    Rig {
-        kind: Kind::Slider,
-        values,
-        uncertain,
-        joints: vec![("q1", "u_f", gain)],
-        sensors,
-        spring: [0.0; 2],
-        window_s: 2.0,
-        setup: "",
-    }
+    one_joint(Kind::Slider, values, uncertain, ("u_f", gain), sensors)
 }
 
 fn double(dice: &mut Dice) -> Rig {

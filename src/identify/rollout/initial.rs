@@ -107,6 +107,7 @@ impl Rollout<'_> {
                 moved: self.moved.clone(),
                 windows: vec![short],
                 fidelity: self.fidelity,
+                effort: self.effort,
             };
             if let Ok((next, _)) = first.explore(0, weights, &x) {
                 x = next;

@@ -15,6 +15,22 @@ impl Rollout<'_> {
         initial: &[S],
         sink: &mut dyn FnMut(usize, usize, S),
     ) -> Result<(), RolloutError> {
+        let (before, _) = machine.steps();
+        let end = self.follow(machine, rows, initial, sink);
+        if let Some(effort) = self.effort {
+            let (steps, coordinates) = machine.steps();
+            effort.add_run(steps - before, coordinates, size_of::<S>() / size_of::<f64>() - 1);
+        }
+        end
+    }
+
+    fn follow<S: Scalar>(
+        &self,
+        machine: &mut Machine<S>,
+        rows: Range<usize>,
+        initial: &[S],
+        sink: &mut dyn FnMut(usize, usize, S),
+    ) -> Result<(), RolloutError> {
         let times = &self.recording.times;
         machine.set_stance(self.stance(rows.start));
         machine.reset(times[rows.start], initial);

@@ -58,6 +58,7 @@ impl<S: Scalar> Machine<S> {
             keeps_history: false,
             step_s: super::LONGEST_STEP_S,
             refine: refine.max(1),
+            steps: 0,
         };
         machine.check_ground()?;
         machine.add_rotors_of(setting, lift);

@@ -248,6 +248,7 @@ impl<S: Scalar> Machine<S> {
     }
 
     fn after_impact(&mut self) {
+        self.follow_stops();
         self.regrip();
         self.before_now();
     }

@@ -1,11 +1,10 @@
 //! Where a step must end early, exactly, and what happens there. RT: yes, no allocation.
 
-use super::hold::{Holder, product};
+use super::hold::Holder;
 use super::motion::FlowOf;
 use super::{Machine, MachineError, Play};
 use crate::base::scalar::Scalar;
 use crate::model::effect::friction::Grip;
-use crate::model::mechanism::MAX;
 
 /// What may end a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,8 +37,6 @@ const MOST_ITERATIONS: usize = 60;
 const TIME_TOLERANCE_S: f64 = 1e-13;
 /// Changes of mode at one instant: each axis and rotor a few times.
 const MOST_CHANGES: usize = 8;
-/// A rate below this, rad/s, is rest after an impulse.
-const AT_REST: f64 = 1e-12;
 
 impl<S: Scalar> Machine<S> {
     /// One step of length `h` with all events in it.
@@ -243,46 +240,6 @@ impl<S: Scalar> Machine<S> {
         self.flow_at_start();
         let force = self.work.held.force_of(Holder::Axis(i)).map_or(0.0, Scalar::value);
         self.plant.grips[i] = Grip::along(-force);
-    }
-
-    /// Inelastic meeting of rotor and link.
-    fn meet(&mut self, i: usize) {
-        let side = self.plant.rotors[i].twist(&self.y.q).sign();
-        let row = self.plant.rotors[i].contact_row();
-        self.flow_at_start();
-        let response = self.work.kick(&row, self.plant.n);
-        let impulse = -(product(&row, &self.y.v, self.plant.n) / product(&row, &response, self.plant.n));
-        for k in 0..self.plant.n {
-            self.y.v[k] += response[k] * impulse;
-        }
-        self.plant.plays[i] = Play::Closed(side);
-        self.regrip();
-        self.before_now();
-    }
-
-    /// After an impulse every axis slides along its rate, or is at rest.
-    pub(super) fn regrip(&mut self) {
-        for (axis, grip) in self.plant.axes.iter().zip(&mut self.plant.grips) {
-            let rate = axis.row.value_of(&self.y.v);
-            if axis.dry.is_some() {
-                *grip = if rate.abs() > AT_REST { Grip::along(rate) } else { Grip::Stuck };
-            }
-        }
-    }
-
-    /// An impulse on a coordinate.
-    pub(super) fn push(&mut self, index: usize) {
-        self.pushes[index].done = true;
-        let mut row = [S::zero(); MAX];
-        self.pushes[index].row.push(S::one(), &mut row);
-        self.flow_at_start();
-        let response = self.work.kick(&row, self.plant.n);
-        let impulse = self.pushes[index].impulse;
-        for k in 0..self.plant.n {
-            self.y.v[k] += response[k] * impulse;
-        }
-        self.regrip();
-        self.before_now();
     }
 
     /// The truth just after a jump, so that lags start from it.

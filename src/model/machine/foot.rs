@@ -22,6 +22,15 @@ pub(super) struct FootRows<S> {
     pub(super) bias: [S; 2],
 }
 
+/// A sprung toe moves along the leg only: its speed across leg number `s`, the toe `along` it from its tip.
+fn sprung_row<S: Scalar>(s: usize, along: S, (sin, cos): (S, S)) -> [S; MAX] {
+    let mut row = [S::zero(); MAX];
+    row[TOE] = cos;
+    row[TOE + 1] = sin;
+    row[s] = along;
+    row
+}
+
 impl<S: Scalar> Plant<S> {
     pub(super) fn legs(&self) -> Option<&Legs<S>> {
         match &self.body {
@@ -164,19 +173,31 @@ impl<S: Scalar> Plant<S> {
         let (Some(legs), Some((stiffness, damping))) = (self.legs(), self.ground.compliance) else { return };
         let s = legs.stance();
         let (sin, cos) = (y.q[s] + legs.slope()).sin_cos();
-        let (rx, ry) = (y.q[2] - self.feet.tip, y.q[3]);
         // d = (-sin, cos) along the leg, e = (cos, sin) across it.
-        let along = ry * cos - rx * sin;
+        let along = y.q[3] * cos - (y.q[2] - self.feet.tip) * sin;
         let speed = y.v[3] * cos - y.v[2] * sin;
         let push = -(stiffness * along) - damping * speed;
         work.eq.force[2] -= push * sin;
         work.eq.force[3] += push * cos;
-        let mut row = [S::zero(); MAX];
-        row[2] = cos;
-        row[3] = sin;
-        row[s] = along;
+        let row = sprung_row(s, along, (sin, cos));
         let bias = y.v[s] * speed * 2.0;
         work.held.along(Holder::Tangent, row, row, bias);
+    }
+
+    /// Rows along which the stance foot cannot move, whatever strikes the robot elsewhere.
+    pub(super) fn foot_holds(&self, y: &Phase<S>) -> [Option<[S; MAX]>; 2] {
+        let Some(legs) = self.legs() else { return [None, None] };
+        if self.feet.contact == Contact::Flight {
+            return [None, None];
+        }
+        if self.ground.compliance.is_some() {
+            let (sin, cos) = (y.q[legs.stance()] + legs.slope()).sin_cos();
+            let along = y.q[3] * cos - (y.q[2] - self.feet.tip) * sin;
+            return [Some(sprung_row(legs.stance(), along, (sin, cos))), None];
+        }
+        let Some(rows) = self.foot_rows(y, false) else { return [None, None] };
+        let stands = self.feet.contact == Contact::Held;
+        [Some(rows.normal), stands.then_some(rows.tangent)]
     }
 
     /// Velocity rows of the point at the end of the swing leg.

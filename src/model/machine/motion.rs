@@ -320,7 +320,8 @@ impl<S: Scalar> Machine<S> {
 
     /// One RK4 step from `y` into `end`.
     pub(super) fn rk4(&mut self, h: S) {
-        let Self { plant, y, now, end, stages, work, flow_of, .. } = self;
+        let Self { plant, y, now, end, stages, work, flow_of, steps, .. } = self;
+        *steps += 1;
         plant.step((y, *now, *flow_of == FlowOf::Start), h, end, stages, work);
         *flow_of = FlowOf::Nothing;
     }

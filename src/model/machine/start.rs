@@ -96,6 +96,36 @@ impl<S: Scalar> Machine<S> {
         self.step_s = self.suitable_step();
     }
 
+    /// Where the machine is, as the numbers that [`Self::reset`] would start it from.
+    #[must_use]
+    pub fn state(&self) -> Vec<S> {
+        let of = |what: &Inner| match *what {
+            Inner::Coordinate(i) => self.y.q[i],
+            Inner::Rate(i) => self.y.v[i],
+            Inner::Twist(i) => {
+                let rotor = &self.plant.rotors[i];
+                self.y.q[rotor.index] - rotor.link.of(&self.y.q)
+            }
+            Inner::TwistRate(i) => {
+                let rotor = &self.plant.rotors[i];
+                self.y.v[rotor.index] - rotor.link.of(&self.y.v)
+            }
+            Inner::Deflection(i) => self.y.q[self.plant.structures[i].index],
+            Inner::DeflectionRate(i) => self.y.v[self.plant.structures[i].index],
+            Inner::Bristle(i) => self.y.z[i],
+            Inner::Lag(i) => self.lag_behind(i),
+        };
+        self.initial_layout().iter().map(of).collect()
+    }
+
+    /// What the lag of pickup `i` is behind its quasi-steady value, per second of time constant.
+    fn lag_behind(&self, i: usize) -> S {
+        let pickup = &self.pickups[i];
+        let slope = if pickup.is_rate { S::zero() } else { pickup.row.of(&self.y.v) };
+        let behind = |lag: S| slope - (pickup.truth(&self.y.q, &self.y.v) - self.lagged[i]) / lag;
+        pickup.lag.filter(|lag| lag.value() > 0.0).map_or(S::zero(), behind)
+    }
+
     fn start_rotor(&mut self, i: usize, twist: S, twist_rate: S) {
         let rotor = &self.plant.rotors[i];
         let half = rotor.gap * 0.5;

@@ -328,3 +328,34 @@ fn ground_carries_the_force_of_the_notes() {
     let [x, y] = m.ground_force();
     assert!((x + 17.839_173).abs() < 1e-4 && (y - 145.383_615).abs() < 1e-4, "{x} {y}");
 }
+
+#[test]
+fn a_push_on_a_robot_that_stands_moves_it_as_on_a_pin() {
+    let pushed = effect("external_push", "outer", "impulse = 0.3\ntime = 0.05");
+    let mut pinned = machine(&rig(WALKER, &pushed), Some(Setup::InnerStance));
+    let mut held = machine(&rig(WALKER, &pushed), Some(Setup::Walk));
+    for m in [&mut pinned, &mut held] {
+        m.reset(0.0, &[0.1, -0.2, -0.5, 0.3]);
+        m.advance_to(0.2).unwrap();
+    }
+    assert!((pinned.coordinate(0) - held.coordinate(0)).abs() < 1e-12);
+    assert!((pinned.coordinate(1) - held.coordinate(1)).abs() < 1e-12);
+    assert!(held.toe_m().iter().all(|x| x.abs() < 1e-12));
+}
+
+#[test]
+fn a_rotor_on_its_stop_stays_within_its_play_through_touchdown_and_push() {
+    let play = effect("backlash", "hip", "gap = 0.004\nrotor_inertia = 0.17");
+    let pushed = effect("external_push", "outer", "impulse = 0.3\ntime = 0.1");
+    let mut m = machine(&rig(WALKER, &(play + &pushed)), Some(Setup::Walk));
+    for side in [-0.002, 0.002] {
+        m.reset(0.0, &[-0.2, 0.2, -1.0, -0.5, side]);
+        m.touch_down_now();
+        for k in 1..40 {
+            m.advance_to(f64::from(k) * 0.005).unwrap();
+            let twist = m.motor(2)[0] - m.coordinate(2);
+            assert!(twist.abs() < 0.002 + 1e-9, "{side} {k} {twist}");
+        }
+        assert!(m.toe_m()[1].abs() < 1e-12);
+    }
+}

@@ -1,0 +1,136 @@
+//! What a machine carries from one window into the next.
+//!
+//! The contract fits the initial state of every window, inner states included: the twist of a spring, the bend of a
+//! bristle, what a filter remembers. A machine is not started again at each window: what is inside it there is what the
+//! window before left. An effect whose inner states jump at every window is a free force per window and no effect
+//! (measured on a motor turning slowly, windows of .05 s: a bristle ten times softer than the travel of a window, and a
+//! filter slower than a window, removed 99 % of the misfit).
+//! RT: no.
+
+use crate::diagnose::base::known;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::{blocks, white};
+use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit_states};
+use crate::identify::problem::Problem;
+use rayon::prelude::*;
+
+/// Part of the gain of `richer` over `plain` that is left when its inner states go on from window to window, coordinates
+/// and rates fitted as before. `None` if there are no inner states that could, or nothing is gained.
+#[must_use]
+pub fn carried(plain: &Hypothesis, richer: &Hypothesis, floors: &[f64]) -> Option<f64> {
+    if !has_more_states(plain, richer) || richer.problem.windows.len() == richer.problem.recordings.len() {
+        return None;
+    }
+    let arrived: Vec<Option<Vec<f64>>> =
+        (0..richer.problem.windows.len()).into_par_iter().map(|w| before(&richer.problem, &richer.point, w)).collect();
+    let rigid: Vec<usize> = (0..arrived.len()).map(|w| richer.problem.rigid(w)).collect();
+    let inner = |((state, arrived), rigid): ((&Vec<f64>, &Option<Vec<f64>>), &usize)| {
+        arrived.as_ref().filter(|a| a.len() == state.len()).unwrap_or(state)[*rigid..].to_vec()
+    };
+    let inner: Vec<Vec<f64>> = richer.point.states.iter().zip(&arrived).zip(&rigid).map(inner).collect();
+    let held = richer.problem.with_rig(known(&richer.rig));
+    let runs = Carried { problem: &held, inner: &inner, rigid: &rigid };
+    let start = richer.point.states.iter().zip(&rigid).map(|(s, rigid)| s[..*rigid].to_vec()).collect();
+    let own = white(&richer.residuals, floors);
+    let states = fit_states(&runs, start, &own, STEPS);
+    let whole = states.into_iter().zip(&inner).map(|(state, inner)| [state, inner.clone()].concat()).collect();
+    let residuals = held.residuals(&Point { parameters: Vec::new(), states: whole })?;
+    let noise = white(&plain.residuals, floors);
+    let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
+    let free = total(richer) - total(plain);
+    let left: f64 = blocks(&residuals, &noise).iter().sum::<f64>() - total(plain);
+    (free > 0.0).then(|| left / free)
+}
+
+/// Smallest part of its gain that an effect must keep when its inner states go on from window to window.
+const LEAST_CARRIED: f64 = 0.5;
+
+/// True if the inner states that `richer` adds to `plain`, if any, may go on from window to window.
+#[must_use]
+pub fn goes_on(plain: &Hypothesis, richer: &Hypothesis, floors: &[f64]) -> bool {
+    carried(plain, richer, floors).is_none_or(|kept| kept >= LEAST_CARRIED)
+}
+
+/// True if `richer` has inner states that `plain` has not.
+#[must_use]
+pub fn has_more_states(plain: &Hypothesis, richer: &Hypothesis) -> bool {
+    let count = |h: &Hypothesis| h.point.states.first().map_or(0, Vec::len);
+    count(richer) > count(plain)
+}
+
+/// A few steps from the free fit tell.
+const STEPS: Limits = Limits { iterations: 6, tolerance: 1e-4 };
+
+/// Where the window before `w` arrives, if it is of the same recording and ends where `w` starts.
+fn before(problem: &Problem, at: &Point, w: usize) -> Option<Vec<f64>> {
+    let last = w.checked_sub(1)?;
+    let follows = problem.windows[last].0 == problem.windows[w].0 && problem.spans[last].end == problem.spans[w].start;
+    if follows { problem.arrived(last, at) } else { None }
+}
+
+/// Free runs whose inner states are known.
+struct Carried<'p> {
+    problem: &'p Problem,
+    inner: &'p [Vec<f64>],
+    rigid: &'p [usize],
+}
+
+impl FreeRuns for Carried<'_> {
+    fn windows(&self) -> usize {
+        self.problem.windows()
+    }
+
+    fn run(&self, window: usize, parameters: &[f64], state: &[f64], slopes: bool) -> Option<Vec<Series>> {
+        let whole = [state, &self.inner[window]].concat();
+        let mut channels = self.problem.run(window, parameters, &whole, slopes)?;
+        channels.iter_mut().for_each(|series| series.slopes.truncate(parameters.len() + self.rigid[window]));
+        Some(channels)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::experiment::Recording;
+    use crate::model::rig::{Rig, Use};
+
+    const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
+        [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n\
+        [[effect]]\neffect = \"coulomb_friction\"\nat = \"q1\"\ncoulomb = 0.02\n\
+        [[effect]]\neffect = \"presliding\"\nat = \"q1\"\nstiffness = 2.0\n\
+        [[effect]]\neffect = \"joint_elasticity\"\nat = \"q1\"\nstiffness = 9.0\ndamping = 0.01\nrotor_inertia = 0.003\n\
+        [[effect]]\neffect = \"sensor_lag\"\nat = \"y\"\ntime_constant = 0.03\n";
+
+    fn problem(window_s: Option<f64>) -> Problem {
+        let times: Vec<f64> = (0..200).map(|k| f64::from(k) * 0.01).collect();
+        let recording = Recording {
+            name: "a.csv".to_owned(),
+            index: 0,
+            usage: Use::Fit,
+            window_s,
+            setup: None,
+            inputs: vec![times.iter().map(|t| libm::sin(9.0 * t)).collect()],
+            enabled: vec![Vec::new()],
+            measured: vec![vec![0.0; 200]],
+            stance: Vec::new(),
+            warnings: Vec::new(),
+            times,
+        };
+        Problem::new(Rig::parse(RIG, "rig.toml").unwrap(), vec![recording])
+    }
+
+    #[test]
+    fn a_machine_that_starts_where_it_arrived_goes_on_as_if_it_had_never_stopped() {
+        let (whole, halves) = (problem(None), problem(Some(1.0)));
+        let mut first = whole.start().states.swap_remove(0);
+        (first[0], first[1]) = (0.6, 0.2);
+        let at = Point { parameters: Vec::new(), states: vec![first.clone(), first.clone()] };
+        assert!(halves.windows.len() == 2 && before(&halves, &at, 0).is_none());
+        let arrived = before(&halves, &at, 1).unwrap();
+        assert!(arrived.len() == first.len() && arrived.len() > 2, "{arrived:?}");
+        let unbroken = &whole.run(0, &[], &first, false).unwrap()[0].residual;
+        let again = &halves.run(1, &[], &arrived, false).unwrap()[0].residual;
+        let apart = unbroken[100..].iter().zip(again).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(again.len() == 100 && apart < 1e-5, "{apart}");
+    }
+}
