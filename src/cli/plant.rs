@@ -6,6 +6,7 @@ use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
 use crate::msg::Drive;
 use crate::rt::clock;
+use crate::rt::thread::{self, Missing};
 use crate::sim::plant::Plant;
 use crate::sim::served::{ServeError, Served};
 use crate::sim::world;
@@ -43,6 +44,12 @@ impl Run for Args {
         let mut served = open(&config)?;
         let mut out = io::stdout().lock();
         writeln!(out, "IMU at {}", served.imu_path())?;
+        if thread::enter(&config.real_time.simulated_robot()) != Missing::default() {
+            writeln!(
+                out,
+                "no real-time priority: on a busy machine this robot answers late, and its controller trips"
+            )?;
+        }
         let start = clock::now();
         let end = self.for_s.map(|s| start + Span::from_s(s));
         let mut next_line = start;

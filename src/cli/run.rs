@@ -82,8 +82,8 @@ impl Run for Args {
         if watcher.join().is_err() {
             anyhow::bail!("the supervising thread failed");
         }
-        let recorded = archive.finish();
-        summary::write(&mut io::stdout().lock(), &summary, recorded.as_ref())?;
+        let closed = archive.finish();
+        summary::write(&mut io::stdout().lock(), &summary, &closed)?;
         shown?;
         if summary.panicked {
             // The hook has told where; this only brings the exit code 70.

@@ -305,6 +305,16 @@ pub struct RealTime {
     pub flight_recorder_ticks: usize,
 }
 
+impl RealTime {
+    /// The thread of a simulated robot: as urgent as the most urgent bus, because the hardware that it stands for would
+    /// not wait for other work of this machine either.
+    #[must_use]
+    pub fn simulated_robot(&self) -> Thread {
+        let priority = self.bus.iter().map(|bus| bus.priority).max().unwrap_or(0);
+        Thread { priority, core: None, stack_bytes: 512 * 1024 }
+    }
+}
+
 /// Which controller runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ControllerKind {

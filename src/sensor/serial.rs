@@ -3,14 +3,16 @@
 #![expect(unsafe_code, reason = "the low-latency flag has no safe wrapper in our dependencies")]
 
 use serialport::{SerialPort, TTYPort};
+use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
-use std::os::fd::{AsRawFd, RawFd};
+use std::os::fd::{AsRawFd, FromRawFd, IntoRawFd, RawFd};
 use std::time::Duration;
 
 /// An open line, 8 data bits, no parity, 1 stop bit.
 #[derive(Debug)]
 pub struct SerialLine {
-    port: TTYPort,
+    /// Not the port itself: its `read` allocates an error's text whenever nothing is there.
+    port: File,
     /// The driver was told to deliver at once. False on a pseudo-terminal, and on adapters that cannot.
     pub low_latency: bool,
 }
@@ -25,16 +27,25 @@ impl SerialLine {
         let port = serialport::new(path, baud).timeout(Duration::ZERO).exclusive(false).open_native()?;
         port.clear(serialport::ClearBuffer::All)?;
         let low_latency = set_low_latency(port.as_raw_fd());
-        Ok(Self { port, low_latency })
+        Ok(Self::new(port, low_latency))
+    }
+
+    fn new(port: TTYPort, low_latency: bool) -> Self {
+        // SAFETY: an open descriptor, which the port gives away; flags without pointers.
+        let port = unsafe {
+            libc::fcntl(port.as_raw_fd(), libc::F_SETFL, libc::O_NONBLOCK);
+            File::from_raw_fd(port.into_raw_fd())
+        };
+        Self { port, low_latency }
     }
 
     /// Bytes that are there, at most a buffer full; 0 if none. `None` when the device is gone.
     pub fn read(&mut self, buffer: &mut [u8]) -> Option<usize> {
         match self.port.read(buffer) {
+            // A line that is open but for nothing to read says so by an error: this is the end.
+            Ok(0) => None,
             Ok(count) => Some(count),
-            Err(e) if matches!(e.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
-                Some(0)
-            }
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Some(0),
             Err(_) => None,
         }
     }
@@ -66,12 +77,9 @@ impl PseudoTerminal {
     /// # Errors
     /// None left, or no permission.
     pub fn new() -> Result<Self, serialport::Error> {
-        let (mut far, near) = TTYPort::pair()?;
-        far.set_timeout(Duration::ZERO)?;
-        // With nobody reading, bytes are thrown away instead of waited for.
-        // SAFETY: an open descriptor, and flags without pointers.
-        unsafe { libc::fcntl(far.as_raw_fd(), libc::F_SETFL, libc::O_NONBLOCK) };
-        Ok(Self { far: SerialLine { port: far, low_latency: false }, near })
+        let (far, near) = TTYPort::pair()?;
+        // It does not wait: with nobody reading, bytes are thrown away.
+        Ok(Self { far: SerialLine::new(far, false), near })
     }
 
     /// Path of the near end.

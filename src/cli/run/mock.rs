@@ -5,7 +5,7 @@ use crate::base::listening::Pulse;
 use crate::base::time::{Span, Stamp};
 use crate::bus::Receive;
 use crate::bus::loopback::{Loopback, LoopbackRx, LoopbackTx};
-use crate::config::checked::{Config, Thread};
+use crate::config::checked::Config;
 use crate::msg::{BUSES, FrameBatch};
 use crate::rt::clock::{self, Monotonic, Timer};
 use crate::rt::stop::Stop;
@@ -20,8 +20,6 @@ use std::thread::{Builder, JoinHandle};
 
 /// The plant looks at its wires so often: a frame waits half of this on average, as in an adapter.
 const STEP: Span = Span::from_us(100);
-/// Stack of the thread, bytes.
-const STACK_BYTES: usize = 512 * 1024;
 
 /// What the simulated robot is made of.
 pub(super) struct MockParts {
@@ -45,15 +43,14 @@ impl MockRobot {
     pub(super) fn start(parts: MockParts) -> anyhow::Result<Self> {
         let stop = Stop::default();
         let asked = stop.clone();
-        let priority = parts.config.real_time.bus.iter().map(|bus| bus.priority).max().unwrap_or(0);
-        let schedule = Thread { priority, core: None, stack_bytes: STACK_BYTES };
+        let schedule = parts.config.real_time.simulated_robot();
         let world = world::build(&parts.config)?;
         let body = move || {
             // Without priority the simulated robot is only less punctual.
             thread::enter(&schedule);
             Body::new(parts, world).run(&asked);
         };
-        let thread = Builder::new().name("plant".into()).stack_size(2 * STACK_BYTES).spawn(body)?;
+        let thread = Builder::new().name("plant".into()).stack_size(2 * schedule.stack_bytes).spawn(body)?;
         Ok(Self { stop, thread: Some(thread) })
     }
 }

@@ -8,15 +8,28 @@ use crate::record::storage::{Folder, Shelf};
 use crate::rt::relay::Sinks;
 use anyhow::Context;
 use std::collections::VecDeque;
+use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{Builder, JoinHandle};
+
+/// News for the terminal.
+type Notices = Arc<Mutex<Vec<String>>>;
 
 /// The recording, if there is one, and the flight recorder's files.
 pub(super) struct Archive {
     recorder: Option<Arc<Recorder>>,
-    flight: PathBuf,
-    identity: Resolved,
-    notices: Arc<Mutex<Vec<String>>>,
+    flight: FlightWriter,
+    notices: Notices,
+}
+
+/// What is left when everything is written.
+pub(super) struct Closed {
+    /// Where the recording is, and how it went.
+    pub(super) recorded: Option<(PathBuf, RecorderStatus)>,
+    /// News that nobody has taken.
+    pub(super) notices: Vec<String>,
 }
 
 impl Archive {
@@ -25,31 +38,19 @@ impl Archive {
         let recorder = folder.map(|folder| Recorder::start(folder, resolved)).transpose().context("--record")?;
         let flight = folder.map_or_else(|| std::env::temp_dir().join("compass-flight"), |f| f.join("flight"));
         let notices = Arc::default();
-        Ok(Self { recorder: recorder.map(Arc::new), flight, identity: resolved.clone(), notices })
+        let flight = FlightWriter::start(flight, resolved.clone(), Arc::clone(&notices))?;
+        Ok(Self { recorder: recorder.map(Arc::new), flight, notices })
     }
 
     /// What the relay calls.
     pub(super) fn sinks(&self) -> Sinks {
         let recorder = self.recorder.clone();
-        let (folder, resolved, notices) = (self.flight.clone(), self.identity.clone(), self.notices.clone());
-        let dump = move |event: &Fault, ticks: &VecDeque<TickRecord>| {
-            if event.code == FaultCode::Stopping {
-                return;
-            }
-            let line = match write_flight(&folder, &resolved, ticks) {
-                Ok(path) => {
-                    format!("{}: the {} ticks around it are in {}", event.code.name(), ticks.len(), path.display())
-                }
-                Err(error) => format!("{}: the ticks around it could not be written: {error:#}", event.code.name()),
-            };
-            notices.lock().unwrap_or_else(PoisonError::into_inner).push(line);
-        };
         let each = move |record: &TickRecord| {
             if let Some(recorder) = &recorder {
                 recorder.push(record);
             }
         };
-        Sinks { each: Box::new(each), dump: Box::new(dump) }
+        Sinks { each: Box::new(each), dump: Box::new(self.flight.sink()) }
     }
 
     /// How the recording is.
@@ -64,14 +65,61 @@ impl Archive {
         news
     }
 
-    /// Closes the recording: where it is, and how it went.
-    pub(super) fn finish(self) -> Option<(PathBuf, RecorderStatus)> {
-        let recorder = self.recorder.and_then(Arc::into_inner)?;
-        Some((recorder.path(), recorder.finish()))
+    /// Writes what waits and closes.
+    pub(super) fn finish(mut self) -> Closed {
+        self.flight.finish();
+        let news = self.take_notices();
+        let recorder = self.recorder.and_then(Arc::into_inner);
+        Closed { recorded: recorder.map(|recorder| (recorder.path(), recorder.finish())), notices: news }
     }
 }
 
-fn write_flight(folder: &Path, resolved: &Resolved, ticks: &VecDeque<TickRecord>) -> anyhow::Result<PathBuf> {
+/// An event and the ticks around it; `None` ends the thread.
+type Dump = Option<(Fault, Vec<TickRecord>)>;
+
+/// Writes the ticks around a fault, in a thread of its own: on a slow processor that takes seconds, and the relay's ticks
+/// would be lost to the recording meanwhile.
+struct FlightWriter {
+    queue: Sender<Dump>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl FlightWriter {
+    fn start(folder: PathBuf, resolved: Resolved, notices: Notices) -> io::Result<Self> {
+        let (queue, dumps) = mpsc::channel::<Dump>();
+        let body = move || {
+            for (event, ticks) in dumps.into_iter().map_while(|dump| dump) {
+                let name = event.code.name();
+                let line = match write_flight(&folder, &resolved, &ticks) {
+                    Ok(path) => format!("{name}: the {} ticks around it are in {}", ticks.len(), path.display()),
+                    Err(error) => format!("{name}: the ticks around it could not be written: {error:#}"),
+                };
+                notices.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+            }
+        };
+        Ok(Self { queue, thread: Some(Builder::new().name("flight".into()).spawn(body)?) })
+    }
+
+    /// What the relay calls; a copy of the ticks is all that it waits for.
+    fn sink(&self) -> impl FnMut(&Fault, &VecDeque<TickRecord>) + Send + 'static {
+        let queue = self.queue.clone();
+        move |event, ticks| {
+            if event.code != FaultCode::Stopping {
+                // The thread ends before its time only if it panics, and its hook has told that.
+                drop(queue.send(Some((*event, ticks.iter().copied().collect()))));
+            }
+        }
+    }
+
+    fn finish(&mut self) {
+        drop(self.queue.send(None));
+        if let Some(thread) = self.thread.take() {
+            drop(thread.join());
+        }
+    }
+}
+
+fn write_flight(folder: &Path, resolved: &Resolved, ticks: &[TickRecord]) -> anyhow::Result<PathBuf> {
     let (path, storage) = Folder::new(folder)?.open(1)?;
     let mut file = LogFile::create(storage, &Identity::new(resolved))?;
     for tick in ticks {

@@ -1,17 +1,13 @@
 //! The end of a run in a few lines. RT: no.
 
-use crate::msg::{Fault, RecorderStatus, TickRecord};
+use super::sinks::Closed;
+use crate::msg::{Fault, TickRecord};
 use crate::rt::process::Summary;
 use crate::rt::stats::Percentiles;
 use std::io::{self, Write};
-use std::path::PathBuf;
 
 /// Writes it.
-pub(super) fn write(
-    out: &mut impl Write,
-    summary: &Summary,
-    recorded: Option<&(PathBuf, RecorderStatus)>,
-) -> io::Result<()> {
+pub(super) fn write(out: &mut impl Write, summary: &Summary, closed: &Closed) -> io::Result<()> {
     let last = &summary.observed.last;
     writeln!(out, "ticks       {}, {} periods skipped", last.status.ticks, last.status.overruns)?;
     write_times(out, "wake-up", &summary.observed.stats.wake.percentiles())?;
@@ -27,7 +23,10 @@ pub(super) fn write(
     for text in summary.missing.in_words() {
         writeln!(out, "not granted {text}")?;
     }
-    if let Some((path, status)) = recorded {
+    for notice in &closed.notices {
+        writeln!(out, "note        {notice}")?;
+    }
+    if let Some((path, status)) = &closed.recorded {
         writeln!(out, "recorded    {}: {} ticks, {} lost", path.display(), status.written, status.dropped)?;
     }
     Ok(())
