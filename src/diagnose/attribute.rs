@@ -9,7 +9,7 @@ use crate::diagnose::candidates::Candidate;
 use crate::diagnose::contest::reconsidered;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::round::round;
+use crate::diagnose::round::{MOST_EFFORT, round};
 use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, removed};
 use crate::diagnose::unlisted::PATCHES;
 use crate::diagnose::valley::wandered;
@@ -52,10 +52,6 @@ impl Selection {
         self.found = better;
     }
 }
-
-/// Another round begins only if it should end within this effort, by what the last one took. Some 20 s on two cores; an
-/// answer with fewer effects is better than none, and counted effort gives the same answer on any computer.
-const MOST_EFFORT: u64 = 400_000_000;
 
 /// How often a selection may start again from a better base.
 const RESTARTS: usize = 3;
@@ -105,6 +101,8 @@ pub fn forward(
     let (mut explained, mut restarts, mut begun) = (0.0, 0, None);
     loop {
         let spent = all.found.problem.effort.spent();
+        // Another round begins only if it should end in time, by what the last one took: an answer with fewer effects is
+        // better than none.
         if begun.is_some_and(|begun| 2 * spent - begun > MOST_EFFORT) {
             said("no time for another round");
             (all.last, all.cut_short) = (Vec::new(), true);

@@ -11,7 +11,7 @@ use crate::diagnose::likelihood::{blocks, white};
 use crate::diagnose::screen::{Column, Own, Screen};
 use crate::diagnose::thin::{Thin, thinned};
 use crate::diagnose::tried::{Context, Trial, with_effect, worth};
-use crate::identify::fit::{FreeRuns, Limits, Point, Series};
+use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use crate::model::rig::{Scope, Slot};
@@ -159,7 +159,12 @@ pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context, mut sa
     trials = gone_on(base, thin.as_ref(), trials, &noise, context);
     said(&format!("fitted, effort {:.1} M", 1e-6 * base.problem.effort.spent() as f64));
     let all = trials.into_par_iter();
-    trials = all.filter(|trial| goes_on(base, &trial.hypothesis, &context.floors)).collect();
+    // What gains nothing and has states of its own is not worth the look: a spring stiff as a rod is costly to follow.
+    let kept = |trial: &Trial| {
+        let hypothesis = &trial.hypothesis;
+        !has_more_states(base, hypothesis) || trial.gain > 0.0 && goes_on(base, hypothesis, &context.floors)
+    };
+    trials = all.filter(kept).collect();
     polish(base, &mut trials, context);
     trials
 }
@@ -168,6 +173,13 @@ pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context, mut sa
 /// takes up to 40 (ten times the steps, four linearisations); a play that chatters or a spring that runs off to a rod
 /// would take thousands. Who is cut off stands with what it has reached.
 const LINEARISATIONS: u64 = 100;
+/// The same when the search has gone on for long.
+const LEAST_LINEARISATIONS: u64 = 40;
+
+/// A search should end within this effort: some 20 s on two cores. Counted effort gives the same answer on any computer.
+pub const MOST_EFFORT: u64 = 400_000_000;
+/// Part of what is left of [`MOST_EFFORT`] that one fit may take: of the dozens of a round, few need their allowance.
+const SHARE: u64 = 8;
 
 /// What a candidate's fit on the windows of `base` may cost.
 fn allowance(base: &Hypothesis) -> u64 {
@@ -175,7 +187,9 @@ fn allowance(base: &Hypothesis) -> u64 {
     // Only a run knows its steps. It carries two numbers for each coordinate, a linearisation its directions as well.
     let directions = base.point.parameters.len() + base.point.states.first().map_or(0, Vec::len);
     let ran = problem.residuals(&base.point).is_some();
-    u64::from(ran) * LINEARISATIONS * problem.effort.spent() * (directions as u64 + 2) / 2
+    let linearisation = u64::from(ran) * problem.effort.spent() * (directions as u64 + 2) / 2;
+    let share = MOST_EFFORT.saturating_sub(base.problem.effort.spent()) / SHARE;
+    share.clamp(LEAST_LINEARISATIONS * linearisation, LINEARISATIONS * linearisation)
 }
 
 /// A fit that may cost `most`; what it costs is counted by `base`.
@@ -187,13 +201,12 @@ fn within(
     (noise, limits): (&[Colour], Limits),
     context: &Context,
 ) -> Option<Hypothesis> {
-    let problem = problem.with_allowance(most);
-    let own = Arc::clone(&problem.effort);
-    let hypothesis = Hypothesis::fitted(problem, point, noise, &context.floors, limits);
-    base.problem.effort.add(own.spent());
-    let mut hypothesis = hypothesis?;
-    hypothesis.problem.effort = Arc::clone(&base.problem.effort);
-    Some(hypothesis)
+    let limited = problem.clone().with_allowance(most);
+    let fit = fit(&limited, point, &problem.bounds(), noise, limits);
+    // How far the windows were when they gave up is chance; the effort that is told is not.
+    base.problem.effort.add(limited.effort.spent().min(limited.effort.patience()));
+    let problem = Problem { effort: Arc::clone(&base.problem.effort), ..problem };
+    fit.cost.is_finite().then(|| Hypothesis::at(problem, fit.point, fit.information, &context.floors))?
 }
 
 /// `trial` fitted on from where it stands, under another noise.

@@ -26,7 +26,7 @@ impl Effort {
 
     /// Counts a run of so many steps of a machine of `coordinates` with `directions` of derivatives.
     pub fn add_run(&self, steps: u64, coordinates: usize, directions: usize) {
-        self.add(steps.saturating_mul(((coordinates + 1) * (directions + 2)) as u64));
+        self.add(Self::of_run(steps, coordinates, directions));
     }
 
     /// Counts what was counted elsewhere.
@@ -44,5 +44,24 @@ impl Effort {
     #[must_use]
     pub fn is_exhausted(&self) -> bool {
         self.spent() >= self.most
+    }
+
+    /// True if `more` would be beyond any patience: what has begun may end, but no single run may cost far more than all
+    /// of them should. Windows that run side by side give it up together, so that the answer depends on none of them.
+    #[must_use]
+    pub fn is_beyond(&self, more: u64) -> bool {
+        self.spent().saturating_add(more) >= self.patience()
+    }
+
+    /// What is spent at most.
+    #[must_use]
+    pub const fn patience(&self) -> u64 {
+        self.most.saturating_mul(2)
+    }
+
+    /// Weight of so many steps.
+    #[must_use]
+    pub const fn of_run(steps: u64, coordinates: usize, directions: usize) -> u64 {
+        steps.saturating_mul(((coordinates + 1) * (directions + 2)) as u64)
     }
 }

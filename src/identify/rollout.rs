@@ -67,6 +67,9 @@ pub enum RolloutError {
         /// When.
         time_s: f64,
     },
+    /// More steps than this piece of work is worth.
+    #[error("the simulation needs too many steps")]
+    TooCostly,
 }
 
 /// What a window's simulation reads: one list per sensor of the rig, one number per row of the window.

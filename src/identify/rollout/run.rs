@@ -1,6 +1,7 @@
 //! One window: recorded inputs in, predicted samples out. RT: no.
 
 use super::{Rollout, RolloutError};
+use crate::identify::effort::Effort;
 use crate::base::scalar::Scalar;
 use crate::identify::experiment::Recording;
 use crate::model::machine::Machine;
@@ -32,12 +33,14 @@ impl Rollout<'_> {
         sink: &mut dyn FnMut(usize, usize, S),
     ) -> Result<(), RolloutError> {
         let times = &self.recording.times;
+        let (begun, _) = machine.steps();
         machine.set_stance(self.stance(rows.start));
         machine.reset(times[rows.start], initial);
         self.recall(machine, rows.start);
         let mut steps = Steps::new(self.recording, rows.start);
         for row in rows.clone() {
             machine.advance_to(times[row]).map_err(|e| self.error(&e))?;
+            self.within_patience(machine, begun)?;
             steps.follow(machine, row);
             for channel in 0..machine.sensors() {
                 if !machine.is_sensor_shifted(channel) {
@@ -47,6 +50,12 @@ impl Rollout<'_> {
             self.command(machine, row);
         }
         self.read_shifted(machine, rows, sink)
+    }
+
+    fn within_patience<S: Scalar>(&self, machine: &Machine<S>, begun: u64) -> Result<(), RolloutError> {
+        let (steps, coordinates) = machine.steps();
+        let cost = Effort::of_run(steps - begun, coordinates, size_of::<S>() / size_of::<f64>() - 1);
+        if self.effort.is_some_and(|effort| effort.is_beyond(cost)) { Err(RolloutError::TooCostly) } else { Ok(()) }
     }
 
     /// The stance leg that the recording says, inner if it does not.
