@@ -177,7 +177,7 @@ const LINEARISATIONS: u64 = 100;
 const LEAST_LINEARISATIONS: u64 = 40;
 
 /// A search should end within this effort: some 20 s on two cores. Counted effort gives the same answer on any computer.
-pub const MOST_EFFORT: u64 = 400_000_000;
+pub const MOST_EFFORT: u64 = 500_000_000;
 /// Part of what is left of [`MOST_EFFORT`] that one fit may take: of the dozens of a round, few need their allowance.
 const SHARE: u64 = 8;
 
