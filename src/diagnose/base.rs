@@ -218,21 +218,7 @@ mod tests {
         [[effect]]\neffect = \"coulomb_friction\"\nat = \"q1\"\ncoulomb = 0.02\n";
 
     fn problem(window_s: Option<f64>, measured: Vec<f64>) -> Problem {
-        let times: Vec<f64> = (0..200).map(|k| f64::from(k) * 0.01).collect();
-        let recording = Recording {
-            name: "a.csv".to_owned(),
-            index: 0,
-            usage: Use::Fit,
-            window_s,
-            setup: None,
-            inputs: vec![times.iter().map(|t| libm::sin(9.0 * t)).collect()],
-            enabled: vec![Vec::new()],
-            measured: vec![measured],
-            stance: Vec::new(),
-            warnings: Vec::new(),
-            times,
-        };
-        Problem::new(Rig::parse(RIG, "rig.toml").unwrap(), vec![recording])
+        Problem::shaken(RIG, window_s, measured)
     }
 
     #[test]

@@ -91,8 +91,6 @@ impl FreeRuns for Carried<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::experiment::Recording;
-    use crate::model::rig::{Rig, Use};
 
     const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
         [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n\
@@ -102,21 +100,7 @@ mod tests {
         [[effect]]\neffect = \"sensor_lag\"\nat = \"y\"\ntime_constant = 0.03\n";
 
     fn problem(window_s: Option<f64>) -> Problem {
-        let times: Vec<f64> = (0..200).map(|k| f64::from(k) * 0.01).collect();
-        let recording = Recording {
-            name: "a.csv".to_owned(),
-            index: 0,
-            usage: Use::Fit,
-            window_s,
-            setup: None,
-            inputs: vec![times.iter().map(|t| libm::sin(9.0 * t)).collect()],
-            enabled: vec![Vec::new()],
-            measured: vec![vec![0.0; 200]],
-            stance: Vec::new(),
-            warnings: Vec::new(),
-            times,
-        };
-        Problem::new(Rig::parse(RIG, "rig.toml").unwrap(), vec![recording])
+        Problem::shaken(RIG, window_s, vec![0.0; 200])
     }
 
     #[test]

@@ -152,7 +152,7 @@ mod tests {
     use crate::diagnose::identification::identify;
     use crate::identify::experiment::{Experiment, Recording};
     use crate::identify::synthesis::record;
-    use crate::model::rig::Rig;
+    use crate::model::rig::{RecordingEntry, Rig};
 
     fn rig(parameters: &str) -> Rig {
         let text = format!(
@@ -167,19 +167,9 @@ mod tests {
     fn recorded(truth: &Rig, of: &Rig, index: usize, initial: &[f64]) -> Recording {
         let times: Vec<f64> = (0..500).map(|k| f64::from(k) * 0.01).collect();
         let input = times.iter().map(|t| libm::sin(4.0 * t) + libm::sin(7.1 * t + index as f64)).collect();
-        let mut recording = Recording {
-            name: of.recordings[index].file.clone(),
-            index,
-            usage: of.recordings[index].usage,
-            window_s: None,
-            setup: None,
-            inputs: vec![input],
-            enabled: vec![Vec::new()],
-            measured: Vec::new(),
-            stance: Vec::new(),
-            warnings: Vec::new(),
-            times,
-        };
+        let RecordingEntry { file, usage, .. } = &of.recordings[index];
+        let recording = Recording::new(file, times, vec![input], Vec::new());
+        let mut recording = Recording { index, usage: *usage, ..recording };
         recording.measured = record(truth, &recording, initial, Some(index as u64)).unwrap().measured;
         recording
     }

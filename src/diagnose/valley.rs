@@ -10,7 +10,7 @@
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::squares;
 use crate::diagnose::tried::Context;
-use crate::identify::fit::{FreeRuns, Limits, Point, cost, fit, present};
+use crate::identify::fit::{Bound, FreeRuns, Limits, Point, cost, fit, present};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use nalgebra::{DMatrix, DVector};
@@ -44,7 +44,9 @@ pub fn wandered(now: &Hypothesis, context: &Context) -> Option<Hypothesis> {
     let first = cost(&now.problem, &now.point, &noise);
     let (mut best, mut least) = (now.point.clone(), first);
     for _ in 0..ROUNDS {
-        let Some((found, point)) = from_afar(&now.problem, &best, (least, size), &noise) else { break };
+        let afar = from_afar(&now.problem, &best, (least, size), &noise);
+        let held = from_held(&now.problem, &best, &noise);
+        let Some((found, point)) = afar.into_iter().chain(held).min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
         if found > (1.0 - FALLS) * least {
             break;
         }
@@ -75,6 +77,29 @@ fn from_afar(problem: &Problem, at: &Point, (least, size): (f64, usize), noise: 
     };
     let fits: Vec<(f64, Point)> = starts.into_par_iter().map(one).collect();
     fits.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+/// Factors by which a number is moved and held there while the others follow.
+const HELD: [f64; 4] = [0.75, 0.87, 1.15, 1.33];
+
+/// The best of the fits in which one positive number at a time was held at another value first: along a valley that bends,
+/// the others do not follow as the linear model has it.
+fn from_held(problem: &Problem, at: &Point, noise: &[Colour]) -> Option<(f64, Point)> {
+    let bounds = problem.bounds();
+    let is_free = |i: &usize| !problem.logarithmic[*i] && bounds[*i].min >= 0.0 && at.parameters[*i] > 0.0;
+    let places: Vec<(usize, f64)> =
+        (0..bounds.len()).filter(is_free).flat_map(|i| HELD.map(|f| (i, f * at.parameters[i]))).collect();
+    let one = |(i, value): (usize, f64)| {
+        let mut start = at.clone();
+        start.parameters[i] = value.clamp(bounds[i].min, bounds[i].max);
+        let mut held = bounds.clone();
+        held[i] = Bound { min: start.parameters[i], max: start.parameters[i] };
+        let along = fit(problem, start, &held, noise, LOOK);
+        let done = fit(problem, along.point, &bounds, noise, LOOK);
+        (done.cost, done.point)
+    };
+    let fits: Vec<(f64, Point)> = places.into_par_iter().map(one).collect();
+    fits.into_iter().filter(|(cost, _)| cost.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// Steps of one unit of misfit each in every direction: the inverse root of the normal matrix of all numbers.

@@ -48,6 +48,27 @@ pub struct Recording {
     pub warnings: Vec<String>,
 }
 
+impl Recording {
+    /// One for fitting, without windows, its drives always on. One list of `inputs` per actuator and of `measured` per
+    /// sensor.
+    #[must_use]
+    pub fn new(name: &str, times: Vec<f64>, inputs: Vec<Vec<f64>>, measured: Vec<Vec<f64>>) -> Self {
+        Self {
+            name: name.to_owned(),
+            index: 0,
+            usage: Use::Fit,
+            window_s: None,
+            setup: None,
+            times,
+            enabled: vec![Vec::new(); inputs.len()],
+            inputs,
+            measured,
+            stance: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
 /// A rig with its recordings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Experiment {

@@ -54,26 +54,15 @@ pub fn complaints(problem: &Problem, at: &Point, noise: &[Colour]) -> Vec<String
 mod tests {
     use super::*;
     use crate::identify::experiment::Recording;
-    use crate::model::rig::{Rig, Use};
+    use crate::model::rig::Rig;
 
     fn swinging(gravity: f64) -> Problem {
         let text = format!(
             "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = {gravity}\n\
              [[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n"
         );
-        let recording = Recording {
-            name: "free.csv".to_owned(),
-            index: 0,
-            usage: Use::Fit,
-            window_s: None,
-            setup: None,
-            times: (0..400).map(|k| f64::from(k) * 0.01).collect(),
-            inputs: Vec::new(),
-            enabled: Vec::new(),
-            measured: vec![vec![0.0; 400]],
-            stance: Vec::new(),
-            warnings: Vec::new(),
-        };
+        let times = (0..400).map(|k| f64::from(k) * 0.01).collect();
+        let recording = Recording::new("free.csv", times, Vec::new(), vec![vec![0.0; 400]]);
         Problem::new(Rig::parse(&text, "free").unwrap(), vec![recording])
     }
 

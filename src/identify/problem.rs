@@ -235,6 +235,17 @@ fn is_logarithmic(rig: &Rig, slot: Slot, min: f64, max: f64) -> bool {
     shape && min > 0.0 && max / min > DECADES
 }
 
+#[cfg(test)]
+impl Problem {
+    /// For tests: a rig with one actuator, shaken by a sine for 2 s, and 200 samples of its one sensor.
+    pub(crate) fn shaken(rig: &str, window_s: Option<f64>, measured: Vec<f64>) -> Self {
+        let times: Vec<f64> = (0..200).map(|k| f64::from(k) * 0.01).collect();
+        let input = times.iter().map(|t| libm::sin(9.0 * t)).collect();
+        let recording = Recording { window_s, ..Recording::new("a.csv", times, vec![input], vec![measured]) };
+        Self::new(Rig::parse(rig, "rig.toml").unwrap(), vec![recording])
+    }
+}
+
 /// A logarithm moves by a factor of ten a step at most: no tangent says more, and a spring a thousand times stiffer costs
 /// thirty times the run that shows that it is wrong.
 const REACH: f64 = std::f64::consts::LN_10;

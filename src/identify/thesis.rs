@@ -8,7 +8,7 @@
 use crate::identify::experiment::Recording;
 use crate::identify::synthesis::record;
 use crate::model::machine::MachineError;
-use crate::model::rig::{Rig, RigErrors, Setup, Use};
+use crate::model::rig::{Rig, RigErrors, Setup};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
@@ -187,19 +187,8 @@ fn experiment(truth: &Rig, index: usize, length: Length, dice: &mut ChaCha8Rng) 
     let sines = Excitation::drawn(dice);
     let times: Vec<f64> = (0..length.rows).map(|k| k as f64 * length.step_s).collect();
     let torque: Vec<f64> = times.iter().map(|t| sines.at(*t)).collect();
-    let recording = Recording {
-        name: entry.file.clone(),
-        index,
-        usage: Use::Fit,
-        window_s: None,
-        setup: entry.setup,
-        inputs: vec![torque.clone()],
-        enabled: vec![Vec::new()],
-        measured: vec![Vec::new(); truth.sensors.len()],
-        stance: Vec::new(),
-        warnings: Vec::new(),
-        times,
-    };
+    let recording = Recording::new(&entry.file, times, vec![torque.clone()], vec![Vec::new(); truth.sensors.len()]);
+    let recording = Recording { index, setup: entry.setup, ..recording };
     let clean = record(truth, &recording, &released(entry.setup), None)?.measured;
     let noisy: Vec<Option<Vec<f64>>> = clean
         .into_iter()

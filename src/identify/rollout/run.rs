@@ -1,8 +1,8 @@
 //! One window: recorded inputs in, predicted samples out. RT: no.
 
 use super::{Rollout, RolloutError};
-use crate::identify::effort::Effort;
 use crate::base::scalar::Scalar;
+use crate::identify::effort::Effort;
 use crate::identify::experiment::Recording;
 use crate::model::machine::Machine;
 use std::ops::Range;
