@@ -44,12 +44,9 @@ pub fn wandered(now: &Hypothesis, context: &Context) -> Option<Hypothesis> {
     let first = cost(&now.problem, &now.point, &noise);
     let (mut best, mut least) = (now.point.clone(), first);
     for _ in 0..ROUNDS {
-        let afar = from_afar(&now.problem, &best, (least, size), &noise);
-        let held = from_held(&now.problem, &best, &noise);
-        let Some((found, point)) = afar.into_iter().chain(held).min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-        if found > (1.0 - FALLS) * least {
-            break;
-        }
+        let falls = |(cost, _): &(f64, Point)| *cost <= (1.0 - FALLS) * least;
+        let afar = from_afar(&now.problem, &best, (least, size), &noise).filter(falls);
+        let Some((found, point)) = afar.or_else(|| from_held(&now.problem, &best, &noise).filter(falls)) else { break };
         (least, best) = (found, point);
     }
     if least >= first {
