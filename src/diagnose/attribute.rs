@@ -9,7 +9,7 @@ use crate::diagnose::candidates::Candidate;
 use crate::diagnose::contest::reconsidered;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::round::{MOST_EFFORT, round};
+use crate::diagnose::round::{MOST_EFFORT, merged, round};
 use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, removed};
 use crate::diagnose::unlisted::PATCHES;
 use crate::diagnose::valley::wandered;
@@ -89,9 +89,10 @@ fn unstuck(now: &Hypothesis, mut trial: Trial, context: &Context, said: &mut imp
     trial
 }
 
-/// Forward selection from `base`.
+/// Forward selection from `base`. `also`: another place from which the first effect is sought too.
 pub fn forward(
     base: &Hypothesis,
+    also: Option<&Hypothesis>,
     mut library: impl FnMut(&Hypothesis) -> Vec<Candidate>,
     context: &Context,
     mut said: impl FnMut(&str),
@@ -111,7 +112,12 @@ pub fn forward(
         begun = Some(spent);
         let candidates = library(&all.found);
         said(&format!("{} candidates", candidates.len()));
-        all.last = round(&all.found, &candidates, context, &mut said);
+        all.last = round(&all.found, &all.found, &candidates, context, &mut said);
+        if let Some(also) = also.filter(|_| all.added.is_empty()) {
+            said("the same from the numbers as given");
+            let more = round(also, &all.found, &library(also), context, &mut said);
+            all.last = merged(&all.found, std::mem::take(&mut all.last), more, context);
+        }
         tell(&all.last, context, &mut said);
         let patches = all.added.iter().filter(|a| is_patched(&all.found, &a.candidate)).count();
         if all.added.len() >= MOST || patches >= PATCHES {

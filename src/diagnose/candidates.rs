@@ -116,6 +116,12 @@ impl Candidate {
     pub fn has_inner_states(&self) -> bool {
         ["joint_elasticity", "backlash", "link_flexibility", "presliding", "sensor_lag"].contains(&self.effect)
     }
+
+    /// True if only the starts differ.
+    #[must_use]
+    pub fn is_same_as(&self, other: &Self) -> bool {
+        *self == Self { starts: self.starts.clone(), ..other.clone() }
+    }
 }
 
 const fn linear(name: &'static str, min: f64, max: f64) -> Key {

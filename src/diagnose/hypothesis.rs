@@ -9,6 +9,7 @@ use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use crate::model::rig::Rig;
 use nalgebra::DMatrix;
+use std::sync::Arc;
 
 /// A fitted rig.
 #[derive(Clone, Debug)]
@@ -50,6 +51,13 @@ impl Hypothesis {
         let likelihood = blocks(&residuals, &noise).iter().sum();
         let rig = problem.rig_at(&point.parameters);
         Some(Self { rig, problem, point, residuals, noise, likelihood, information })
+    }
+
+    /// The same, its work counted with that of `other`.
+    #[must_use]
+    pub fn counted_with(&self, other: &Self) -> Self {
+        let problem = Problem { effort: Arc::clone(&other.problem.effort), ..self.problem.clone() };
+        Self { problem, ..self.clone() }
     }
 
     /// Fits on from here under another noise.

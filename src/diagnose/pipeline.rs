@@ -83,7 +83,8 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
         };
         candidates(now, &scales, [&fine, &coarse], &windows)
     };
-    let Selection { base, found, added, last, cut_short } = forward(&base, library, &context, &mut said);
+    let also = is_trapped(&base, experiment).then(|| given.counted_with(&base));
+    let Selection { base, found, added, last, cut_short } = forward(&base, also.as_ref(), library, &context, &mut said);
     let refit = compare(&base, &given, &context);
     let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
     said(&format!("re-fit gains {:.0}", refit.total));
@@ -106,6 +107,12 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let mut findings = answer.findings(experiment, &context, &last, warnings)?;
     findings.diagnosis.seconds = began.elapsed().as_secs_f64();
     Ok(Answer { findings, model: answer.model(experiment) })
+}
+
+/// True if the fit of the base ended at bounds: a number that made up for what is missing as far as it could. One step of a
+/// candidate then does not move it back, and promises nothing.
+fn is_trapped(base: &Hypothesis, experiment: &Experiment) -> bool {
+    !at_bounds(&base.clone().with_intervals(), &experiment.rig).is_empty()
 }
 
 /// What to say of a search that ended early.

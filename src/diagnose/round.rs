@@ -14,6 +14,7 @@ use crate::diagnose::tried::{Context, Trial, with_effect, worth};
 use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
+use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Scope, Slot};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -128,10 +129,17 @@ fn chosen<'c>(ranked: &[Ranked<'c>]) -> Vec<(&'c Candidate, Vec<f64>)> {
     out.into_iter().map(|i| (ranked[i].0, ranked[i].1.clone())).collect()
 }
 
-/// All candidates of one round on top of `base`, best first by what they gain.
+/// All candidates of one round on top of `base`, best first by what they gain. `fitted`: the fit whose misfit is to be
+/// explained, `base` itself or a better one of the same rig.
 #[must_use]
-pub fn round(base: &Hypothesis, library: &[Candidate], context: &Context, mut said: impl FnMut(&str)) -> Vec<Trial> {
-    let noise = white(&base.residuals, &context.floors);
+pub fn round(
+    base: &Hypothesis,
+    fitted: &Hypothesis,
+    library: &[Candidate],
+    context: &Context,
+    mut said: impl FnMut(&str),
+) -> Vec<Trial> {
+    let noise = white(&fitted.residuals, &context.floors);
     let thin = thinned(base, library, context);
     let (few, rule) = thin.as_ref().map_or((base, context), |t| (&t.hypothesis, &t.context));
     let look = thin.as_ref().map(|t| t.thinner(library));
@@ -206,7 +214,19 @@ fn within(
     // How far the windows were when they gave up is chance; the effort that is told is not.
     base.problem.effort.add(limited.effort.spent().min(limited.effort.patience()));
     let problem = Problem { effort: Arc::clone(&base.problem.effort), ..problem };
-    fit.cost.is_finite().then(|| Hypothesis::at(problem, fit.point, fit.information, &context.floors))?
+    let hypothesis =
+        fit.cost.is_finite().then(|| Hypothesis::at(problem, fit.point, fit.information, &context.floors))?;
+    hypothesis.filter(|h| !is_slack(h))
+}
+
+/// Fewer swings than this within a window are no resonance that the window shows.
+const LEAST_SWINGS: f64 = 0.5;
+
+/// True for a spring so soft that within a window it moves nothing: the link then coasts from its fitted start, which
+/// explains any slow motion and no force.
+fn is_slack(of: &Hypothesis) -> bool {
+    let hz = of.rig.effects.last().and_then(|effect| resonance_hz(&of.rig, effect));
+    hz.is_some_and(|hz| hz * of.problem.longest_s() < LEAST_SWINGS)
 }
 
 /// `trial` fitted on from where it stands, under another noise.
@@ -288,6 +308,21 @@ fn rank(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
         trial.gain = trial.hypothesis.blocks(&noise).iter().sum::<f64>() - before;
     }
     trials.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+}
+
+/// The trials of two rounds from different places, as gains over `base`: of each candidate the better, best first.
+#[must_use]
+pub fn merged(base: &Hypothesis, first: Vec<Trial>, second: Vec<Trial>, context: &Context) -> Vec<Trial> {
+    let mut all = [first, second].concat();
+    rank(base, &mut all, context);
+    let mut out: Vec<Trial> = Vec::with_capacity(all.len());
+    for trial in all {
+        if !out.iter().any(|t| t.candidate.is_same_as(&trial.candidate)) {
+            out.push(trial);
+        }
+    }
+    polish(base, &mut out, context);
+    out
 }
 
 /// Fits the leaders again under the noise that the best of them leaves, twice, as the leader may change.

@@ -2,6 +2,7 @@
 //!
 //! RT: no.
 
+use crate::diagnose::belief::is_cut_off;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::Difference;
 use crate::diagnose::sentence;
@@ -83,7 +84,9 @@ fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), contex
     // One number more and no better: the simpler one says the same.
     let simple = trial.candidate.keys.len() <= winner.rig.effects[place].kind.keys().len();
     let comparable = simple && trial.hypothesis.rig.effects.len() == winner.rig.effects.len();
-    (inseparable && comparable && trial.gain > 0.5 * gain)
+    // A memory as long as its range allows stands for the start of each window, in the winner's place as in its own.
+    let cut_off = trial.candidate.has_inner_states() && trial.hypothesis.rig.effects.get(place).is_some_and(is_cut_off);
+    (inseparable && comparable && !cut_off && trial.gain > 0.5 * gain)
         .then(|| (member(&trial.hypothesis.clone().with_intervals(), place), weight(d, gain)))
 }
 
