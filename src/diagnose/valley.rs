@@ -142,3 +142,48 @@ fn moved(problem: &Problem, from: &Point, step: &DVector<f64>) -> Point {
     }
     next
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::experiment::Recording;
+    use crate::identify::synthesis::record;
+    use crate::model::rig::Rig;
+
+    fn leg(viscous: f64, coulomb: f64) -> Rig {
+        let text = format!(
+            "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = {{ value = 0.0043, min = 0.003, max = \
+             0.006 }}\ngravity_nm = 0.307\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\nnoise_std = 0.002\n[[effect]]\neffect = \
+             \"viscous_friction\"\nat = \"q1\"\nviscous = {{ value = {viscous}, min = 0.0, max = 0.02 }}\n[[effect]]\neffect = \
+             \"coulomb_friction\"\nat = \"q1\"\ncoulomb = {{ value = {coulomb}, min = 0.0, max = 0.3 }}\n"
+        );
+        Rig::parse(&text, "leg").unwrap()
+    }
+
+    /// A leg swings until friction stops it. The fit comes into the valley with too little Coulomb friction and sticks.
+    #[test]
+    fn a_fit_that_sticks_beside_the_truth_wanders_there() {
+        let times: Vec<f64> = (0..1500).map(|k| f64::from(k) * 0.01).collect();
+        let blank = Recording::new("free.csv", times, Vec::new(), vec![vec![0.0; 1500]]);
+        let measured = record(&leg(0.0012, 0.0061), &blank, &[0.9, 0.0], Some(3)).unwrap().measured;
+        let recording = Recording { measured, ..blank };
+        let context = Context { floors: vec![0.002], samples: 1500, seed: 1 };
+        let mut stuck = 0;
+        for (viscous, coulomb) in [(0.0021, 0.0040), (0.0004, 0.0090), (0.0030, 0.0020)] {
+            let problem = Problem::new(leg(viscous, coulomb), vec![recording.clone()]);
+            let noise = [Colour::white(0.1)];
+            let limits = Limits { iterations: 25, tolerance: 1e-7 };
+            let start = Point { states: vec![vec![0.9, 0.0]], ..problem.start() };
+            let fitted = Hypothesis::fitted(problem, start, &noise, &context.floors, limits).unwrap();
+            let found = wandered(&fitted, &context);
+            let friction = |h: &Hypothesis| h.rig.effects[1].values[0].value;
+            let rms = |h: &Hypothesis| (h.residuals[0][0].iter().map(|x| x * x).sum::<f64>() / 1500.0).sqrt();
+            println!("{coulomb}: fit {:.5} {:.4}", friction(&fitted), rms(&fitted));
+            let end = found.as_ref().unwrap_or(&fitted);
+            println!("    wandered {:.5} {:.4}", friction(end), rms(end));
+            stuck += usize::from(rms(&fitted) > 0.004);
+            assert!(rms(end) < 0.0025 && (friction(end) / 0.0061 - 1.0).abs() < 0.02, "{coulomb}");
+        }
+        assert!(stuck > 0, "a test that no fit sticks in shows nothing");
+    }
+}

@@ -65,3 +65,25 @@ impl Effort {
         steps.saturating_mul(((coordinates + 1) * (directions + 2)) as u64)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::identify::fit::FreeRuns;
+    use crate::identify::problem::Problem;
+
+    const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
+        [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n";
+
+    #[test]
+    fn a_run_goes_on_until_the_patience_ends_and_says_what_it_took() {
+        let problem = Problem::shaken(RIG, None, vec![0.0; 200]);
+        let run = |problem: &Problem| problem.run(0, &[], &[0.1, 0.0], false).is_some();
+        assert!(run(&problem));
+        let cost = problem.effort.spent();
+        assert!(cost > 200, "{cost}");
+        // Twice what is allowed may be spent by what has begun.
+        let enough = problem.clone().with_allowance(cost / 2 + 1);
+        assert!(run(&enough) && enough.effort.spent() == cost && !run(&enough));
+        assert!(!run(&problem.with_allowance(cost / 4)));
+    }
+}
