@@ -4,7 +4,7 @@
 
 use crate::diagnose::belief::is_cut_off;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::likelihood::Difference;
+use crate::diagnose::likelihood::{Difference, is_misfit};
 use crate::diagnose::sentence;
 use crate::diagnose::tables::estimates;
 use crate::diagnose::tried::{Added, Context, Trial, compare, worth};
@@ -19,6 +19,9 @@ const APART: f64 = 2.0;
 
 /// A model form is never exact: an alternative within this part of the winner's gain is no worse than the forms are.
 const FORM: f64 = 0.012;
+
+/// The same where the winner leaves more than noise: then its own form is seen to be inexact.
+const FORM_OF_MISFIT: f64 = 0.1;
 
 /// Most members of a set.
 const MEMBERS: usize = 4;
@@ -79,7 +82,8 @@ fn wrapped(phase: f64) -> f64 {
 /// A trial that the data cannot tell from the winner, with its weight against it.
 fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), context: &Context) -> Option<(Member, f64)> {
     let d = compare(winner, &trial.hypothesis, context);
-    let inseparable = d.total < APART * d.std || d.total < FORM * gain;
+    let form = if is_misfit(&winner.residuals, &context.floors) { FORM_OF_MISFIT } else { FORM };
+    let inseparable = d.total < APART * d.std || d.total < form * gain;
     // A trial of an earlier round has fewer effects than the winner: it says nothing in this company.
     // One number more and no better: the simpler one says the same.
     let simple = trial.candidate.keys.len() <= winner.rig.effects[place].kind.keys().len();
