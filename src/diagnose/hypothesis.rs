@@ -47,7 +47,7 @@ impl Hypothesis {
     #[must_use]
     pub fn at(problem: Problem, point: Point, information: DMatrix<f64>, floors: &[f64]) -> Option<Self> {
         let residuals = problem.residuals(&point)?;
-        let noise = colours(&residuals, floors, &problem.rig);
+        let noise = colours(&residuals, floors, &problem.rig, problem.longest_memory);
         let likelihood = blocks(&residuals, &noise).iter().sum();
         let rig = problem.rig_at(&point.parameters);
         Some(Self { rig, problem, point, residuals, noise, likelihood, information })

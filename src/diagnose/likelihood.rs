@@ -17,9 +17,9 @@ const BLOCK: usize = 25;
 const ROUNDS: usize = 400;
 
 /// Noise of each channel: as the rig declares it where the residual agrees, else as the residual shows it. `floors`:
-/// smallest standard deviations (quantisation).
+/// smallest standard deviations (quantisation). What stands for more than `longest_memory` samples is no noise.
 #[must_use]
-pub fn colours(residuals: &Residuals, floors: &[f64], rig: &Rig) -> Vec<Colour> {
+pub fn colours(residuals: &Residuals, floors: &[f64], rig: &Rig, longest_memory: f64) -> Vec<Colour> {
     residuals
         .iter()
         .zip(floors)
@@ -28,7 +28,7 @@ pub fn colours(residuals: &Residuals, floors: &[f64], rig: &Rig) -> Vec<Colour> 
             if !floor.is_finite() {
                 return MUTE;
             }
-            declared(runs, *floor, sensor).unwrap_or_else(|| shown(runs, *floor))
+            declared(runs, *floor, sensor).unwrap_or_else(|| shown(runs, *floor, longest_memory))
         })
         .collect()
 }
@@ -38,9 +38,15 @@ pub fn colours(residuals: &Residuals, floors: &[f64], rig: &Rig) -> Vec<Colour> 
 const SMOOTH: f64 = 0.12;
 
 /// Noise as the residual shows it.
-fn shown(runs: &[Vec<f64>], floor: f64) -> Colour {
+fn shown(runs: &[Vec<f64>], floor: f64, longest_memory: f64) -> Colour {
     let colour = estimate(runs, floor);
-    if is_smooth(runs, &colour) { white_of(runs, floor) } else { colour }
+    if is_smooth(runs, &colour) || memory(&colour) > longest_memory { white_of(runs, floor) } else { colour }
+}
+
+/// For how many samples this noise stands: the gain of its filter at rest.
+#[must_use]
+pub fn memory(colour: &Colour) -> f64 {
+    1.0 / (1.0 - colour.ar.iter().sum::<f64>()).max(1e-9)
 }
 
 fn is_smooth(runs: &[Vec<f64>], colour: &Colour) -> bool {

@@ -39,6 +39,8 @@ pub struct Problem {
     pub fidelity: Fidelity,
     /// What runs of this problem and of all that come from it have cost.
     pub effort: Arc<Effort>,
+    /// Longest memory of noise that is believed, in samples: what is slower is mismatch.
+    pub longest_memory: f64,
 }
 
 /// Smallest ratio of bounds from which a positive number is fitted as a logarithm.
@@ -73,6 +75,7 @@ impl Problem {
             spans,
             fidelity: Fidelity::default(),
             effort: Arc::default(),
+            longest_memory: f64::INFINITY,
         }
     }
 
@@ -80,7 +83,9 @@ impl Problem {
     #[must_use]
     pub fn with_rig(&self, rig: Rig) -> Self {
         let (windows, spans, effort) = (self.windows.clone(), self.spans.clone(), Arc::clone(&self.effort));
-        Self { fidelity: self.fidelity, windows, spans, effort, ..Self::shared(rig, Arc::clone(&self.recordings)) }
+        let (fidelity, longest_memory) = (self.fidelity, self.longest_memory);
+        let same = Self::shared(rig, Arc::clone(&self.recordings));
+        Self { fidelity, windows, spans, effort, longest_memory, ..same }
     }
 
     /// The same, counting for itself up to `most`; [`Self::is_exhausted`](FreeRuns::is_exhausted) then.
@@ -105,7 +110,7 @@ impl Problem {
             Recording { window_s, ..recording.clone() }
         };
         let cut = Self::new(self.rig.clone(), self.recordings.iter().map(shorter).collect());
-        Self { effort: Arc::clone(&self.effort), ..cut }
+        Self { effort: Arc::clone(&self.effort), longest_memory: self.longest_memory, ..cut }
     }
 
     /// Longest window, s.
