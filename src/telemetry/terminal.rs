@@ -9,7 +9,9 @@ use ratatui::Terminal;
 use ratatui::backend::CrosstermBackend;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 use ratatui::crossterm::execute;
-use ratatui::crossterm::terminal::{EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode};
+use ratatui::crossterm::terminal::{
+    Clear, ClearType, EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
+};
 use std::io::{self, Stdout};
 use std::time::Duration;
 
@@ -24,8 +26,9 @@ impl Screen {
         enable_raw_mode()?;
         // From here on Drop gives it back, also when the next line fails.
         let mut screen = Self { terminal: Terminal::new(CrosstermBackend::new(io::stdout()))? };
-        execute!(screen.terminal.backend_mut(), EnterAlternateScreen)?;
-        screen.terminal.clear()?;
+        // Not `Terminal::clear`: it asks where the cursor is, and one that does not answer (a pipe of `script`, a container
+        // without a person) would stop the robot.
+        execute!(screen.terminal.backend_mut(), EnterAlternateScreen, Clear(ClearType::All))?;
         Ok(screen)
     }
 
