@@ -43,6 +43,7 @@ pub use contact::{Contact, Strike};
 use motion::{FlowOf, Plant, Stages};
 pub use motion::{Phase, Work};
 pub use start::Inner;
+use start::STABLE_DECAY;
 
 /// Most bristles.
 pub const MAX_BRISTLES: usize = 3;
@@ -329,10 +330,26 @@ impl<S: Scalar> Machine<S> {
         let piece = h / steps;
         let mut done = 0.0;
         while done < steps {
-            self.substep(piece)?;
+            self.piece(piece)?;
             done += 1.0;
         }
         if self.y.is_bounded(self.plant.n) { Ok(()) } else { Err(MachineError::Diverged(self.now.value())) }
+    }
+
+    /// One step, in parts while a bristle bends over: that takes a distance, not a time.
+    fn piece(&mut self, h: S) -> Result<(), MachineError> {
+        if self.plant.bristles == 0 {
+            return self.substep(h);
+        }
+        self.flow_at_start();
+        let parts = self.parts_for_bristles(h.value());
+        self.plant.fastest_yield_1_s = STABLE_DECAY * parts / h.value();
+        let mut done = 0.0;
+        while done < parts {
+            self.substep(h / parts)?;
+            done += 1.0;
+        }
+        Ok(())
     }
 
     /// Moves along the tangent for a time without length: the derivative of a switching instant.

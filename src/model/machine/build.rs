@@ -30,6 +30,7 @@ impl<S: Scalar> Machine<S> {
             n_body,
             n: n_body,
             bristles: 0,
+            fastest_yield_1_s: f64::INFINITY,
             is_loaded: false,
             axes: Vec::new(),
             grips: Vec::new(),

@@ -7,7 +7,7 @@ use super::{MAX_BRISTLES, Machine, Play};
 use crate::base::scalar::Scalar;
 use crate::model::effect::actuator::Drive;
 use crate::model::effect::drive::{Rotor, StructuralMode};
-use crate::model::effect::friction::{Axis, BRISTLE_RATIO, Grip, Load};
+use crate::model::effect::friction::{Axis, BRISTLE_CREEP, BRISTLE_RATIO, Grip, Load};
 use crate::model::mechanism::{Body, Equations, MAX, Mechanism};
 
 /// Continuous state: coordinates, rates, bristle deflections.
@@ -147,6 +147,8 @@ pub(super) struct Plant<S> {
     pub(super) n_body: usize,
     pub(super) n: usize,
     pub(super) bristles: usize,
+    /// No bristle yields faster than this, 1/s: what the step resolves.
+    pub(super) fastest_yield_1_s: f64,
     /// Some friction depends on what its joint transmits.
     pub(super) is_loaded: bool,
     pub(super) axes: Vec<Axis<S>>,
@@ -248,10 +250,19 @@ impl<S: Scalar> Plant<S> {
 
     /// LuGre: torque and rate of the deflection `z`.
     fn bristle(&self, joint: usize, stiffness: S, z: S, rate: S, level: S) -> (S, S) {
-        let level = if level.value() > WEAKEST_NM { level } else { S::constant(WEAKEST_NM) };
-        let zdot = rate - stiffness * rate.abs() * z / level;
+        if level.value() <= WEAKEST_NM {
+            return (S::zero(), S::zero());
+        }
+        let yields = stiffness * rate.abs() / level;
+        // Faster than a step can follow the bristle is bent to its end within the step, however fast.
+        let zdot = if yields.value() < self.fastest_yield_1_s {
+            rate - yields * z
+        } else {
+            (level / stiffness * rate.value().signum() - z) * self.fastest_yield_1_s
+        };
         let damping = (stiffness * self.body.link_inertia(joint)).sqrt() * (2.0 * BRISTLE_RATIO);
-        (stiffness * z + damping * zdot, zdot)
+        let creeps = (-(rate / BRISTLE_CREEP).square()).exp();
+        (stiffness * z + damping * creeps * zdot, zdot)
     }
 
     /// What passes through `joint`.
@@ -331,5 +342,5 @@ impl<S: Scalar> Machine<S> {
 const STAGES: [(f64, f64); 4] = [(0.5, 1.0 / 6.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 3.0), (0.0, 1.0 / 6.0)];
 /// When each stage looks.
 const TIMES: [f64; 4] = [0.0, 0.5, 0.5, 1.0];
-/// A bristle under no Coulomb level slides under this.
+/// A bristle under no more than this Coulomb level holds nothing.
 const WEAKEST_NM: f64 = 1e-9;

@@ -156,6 +156,8 @@ impl<S: Scalar> Machine<S> {
     /// The step for RK4: [`LONGEST_STEP_S`], or a fraction of the fastest rates of the machine linearised here.
     fn suitable_step(&mut self) -> f64 {
         let n = self.plant.n;
+        // However fast a bristle yields, it asks for no shorter steps.
+        self.plant.fastest_yield_1_s = STABLE_DECAY / LONGEST_STEP_S;
         let mut work = Work::default();
         let mut y = self.y.clone();
         self.plant.flow(&y, self.now, &mut work);
@@ -182,6 +184,27 @@ impl<S: Scalar> Machine<S> {
         step.clamp(SHORTEST_STEP_S, LONGEST_STEP_S)
     }
 
+    /// Into how many parts a step of `h` s falls so that each bristle that bends over is followed. `work` holds the present
+    /// accelerations and friction levels.
+    pub(super) fn parts_for_bristles(&self, h: f64) -> f64 {
+        let mut most = 1.0_f64;
+        let bristled = self.plant.axes.iter().enumerate().filter(|(_, a)| a.is_bristled());
+        for ((i, axis), z) in bristled.zip(&self.y.z) {
+            let Some(stiffness) = axis.dry.as_ref().and_then(|d| d.bristle) else { continue };
+            let (rate, change) = (axis.row.of(&self.y.v).value(), axis.row.of(&self.work.a).value() * h);
+            let bent = self.work.level[i].value() / stiffness.value();
+            let turns = rate * (rate + change) <= 0.0;
+            if bent <= 0.0 {
+                continue;
+            }
+            if turns || (bent * rate.signum() - z.value()).abs() > SETTLED * bent {
+                let travel = rate.abs().max((rate + change).abs()) * h;
+                most = most.max(travel * f64::from(self.refine) / (bent * PART_OF_BEND));
+            }
+        }
+        most.ceil().clamp(1.0, MOST_PARTS)
+    }
+
     /// Fastest bristle against the inertia it holds, rad/s.
     fn bristle_frequency(&self) -> f64 {
         let bristled = self.plant.axes.iter().filter_map(|a| a.dry.as_ref()?.bristle.map(|k| (a.joint, k.value())));
@@ -194,6 +217,11 @@ const NUDGE: f64 = 1e-6;
 /// rad of the fastest oscillation per step: it errs by 1.3e-5 a rad (0.2⁴/120), while the readings, which see little of it,
 /// err by less than 1e-3 of the noise in all recordings of other simulators (`identify::rollout::tests`).
 const PHASE_PER_STEP: f64 = 0.2;
+/// A bristle nearer to its end than this part of it is bent over.
+const SETTLED: f64 = 0.01;
+/// Distance per step in parts of a bristle's bend, and the most parts of a step that this asks for.
+const PART_OF_BEND: f64 = 0.25;
+const MOST_PARTS: f64 = 8.0;
 /// Decay per step of the fastest damping; RK4 is stable up to 2.7.
 const DECAY_PER_STEP: f64 = 0.4;
 /// Rates that this step, s, does not resolve are beyond what recordings show (200 Hz and more); there it is enough that
@@ -201,7 +229,7 @@ const DECAY_PER_STEP: f64 = 0.4;
 const FINE_STEP_S: f64 = 4e-4;
 /// Phase and decay per step at which RK4 is safely stable (its limits are 2.8).
 const STABLE_PHASE: f64 = 1.0;
-const STABLE_DECAY: f64 = 1.5;
+pub(super) const STABLE_DECAY: f64 = 1.5;
 /// A stiffer machine is not followed below this step, s: it diverges and says so.
 const SHORTEST_STEP_S: f64 = 1e-5;
 

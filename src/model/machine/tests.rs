@@ -359,3 +359,35 @@ fn a_rotor_on_its_stop_stays_within_its_play_through_touchdown_and_push() {
         assert!(m.toe_m()[1].abs() < 1e-12);
     }
 }
+
+#[test]
+fn a_bristle_slides_like_coulomb_friction_however_fast() {
+    // Bent over after 1 mrad; at 20 rad/s that takes 60 us, a fortieth of a step.
+    let coulomb = effect("coulomb_friction", "q1", "coulomb = 0.0225");
+    let bristle = effect("presliding", "q1", "stiffness = 20.0");
+    let run = |effects: &str, inner: &[f64]| {
+        let mut m = machine(&rig(PENDULUM, effects), None);
+        m.reset(0.0, &[&[0.3, 20.0], inner].concat());
+        m.advance_to(2.0).unwrap();
+        m.coordinate(0)
+    };
+    let (rigid, bent) = (run(&coulomb, &[]), run(&(coulomb.clone() + &bristle), &[0.001_125]));
+    // 20 rad/s for 2 s: the friction of a whole bend less, 2.5e-5 J of 10 J, is 1e-4 rad.
+    assert!((rigid - bent).abs() < 1e-3, "{rigid} {bent}");
+}
+
+#[test]
+fn a_bristle_gives_back_no_more_than_it_stores() {
+    let text = effect("coulomb_friction", "q1", "coulomb = 0.02") + &effect("presliding", "q1", "stiffness = 40.0");
+    let mut m = machine(&rig(PENDULUM, &text), None);
+    m.reset(0.0, &[1.0, 0.0, 0.0]);
+    let energy = |m: &mut Machine<f64>| m.kinetic_energy() - 1.2 * m.coordinate(0).cos();
+    let (stored, mut least) = (0.02 * 0.02 / (2.0 * 40.0), energy(&mut m));
+    for k in 1..2500 {
+        m.advance_to(f64::from(k) * 0.01).unwrap();
+        let now = energy(&mut m);
+        assert!(now < least + stored + 1e-6, "at {} s: {now} after {least}", f64::from(k) * 0.01);
+        least = least.min(now);
+    }
+    assert!(least < -1.19, "friction brought it to rest: {least}");
+}
