@@ -1,6 +1,22 @@
-//! How strong a signal is within a band of frequencies. RT: no.
+//! How strong a signal is within a band of frequencies, and per frequency. RT: no.
 
+use rustfft::{FftPlanner, num_complex::Complex};
 use std::f64::consts::TAU;
+
+/// Energy per frequency bin of an evenly sampled `signal` without its mean, Hann's window on it, zeros after it up to
+/// `length` samples: bin `k` is at `k / length` of the sampling rate, up to half of it. Bin 0 is left empty.
+#[must_use]
+#[expect(clippy::cast_precision_loss, reason = "a number of samples")]
+pub fn hann_energy(signal: &[f64], length: usize) -> Vec<f64> {
+    let n = signal.len() as f64;
+    let mean = signal.iter().sum::<f64>() / n;
+    let hann = |k: usize| 0.5 - 0.5 * libm::cos(TAU * k as f64 / n);
+    let faded = signal.iter().enumerate().map(|(k, x)| Complex::new((x - mean) * hann(k), 0.0));
+    let mut data: Vec<Complex<f64>> = faded.collect();
+    data.resize(length, Complex::default());
+    FftPlanner::new().plan_fft_forward(length).process(&mut data);
+    data[..length / 2].iter().enumerate().map(|(k, z)| if k == 0 { 0.0 } else { z.norm_sqr() }).collect()
+}
 
 /// A long signal is cut into pieces of this length, so that the cost grows with its length alone.
 const PIECE_S: f64 = 2.0;
@@ -66,6 +82,13 @@ mod tests {
         assert!((rms(8.0, 13.0) - 3.0 / libm::sqrt(2.0)).abs() < 0.01, "{}", rms(8.0, 13.0));
         assert!((rms(1.0, 5.0) - 5.0 / libm::sqrt(2.0)).abs() < 0.01);
         assert!(rms(20.0, 40.0) < 0.02);
+    }
+
+    #[test]
+    fn a_sine_is_a_peak_at_its_bin_padded_or_not() {
+        let sine: Vec<f64> = (0..200).map(|k| 4.0 + libm::sin(TAU * 0.1 * f64::from(k))).collect();
+        let peak = |energy: Vec<f64>| (0..energy.len()).max_by(|a, b| energy[*a].total_cmp(&energy[*b])).unwrap();
+        assert_eq!((peak(hann_energy(&sine, 200)), peak(hann_energy(&sine, 400))), (20, 40));
     }
 
     #[test]

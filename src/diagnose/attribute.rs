@@ -4,13 +4,13 @@
 //! Forward: a round of trials, the best that is believed is kept, until none is. Then the contest swaps and leaves out.
 //! RT: no.
 
-use crate::diagnose::belief::{believed, is_patched, is_unresolved, is_worth, simplest_first};
+use crate::diagnose::belief::{believed, is_patched, is_unresolved, simplest_first};
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::contest::reconsidered;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::round::{MOST_EFFORT, merged, round};
-use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, removed};
+use crate::diagnose::round::{merged, round};
+use crate::diagnose::tried::{Added, Context, MOST_EFFORT, Trial, compare, left_out, removed, worth};
 use crate::diagnose::unlisted::PATCHES;
 use crate::diagnose::valley::wandered;
 use std::cell::OnceCell;
@@ -70,9 +70,9 @@ fn shaken_free(now: &Hypothesis, trial: &Trial, context: &Context) -> Option<Hyp
     (after - before > NOT_ITS_OWN * (with - before)).then_some(without)
 }
 
-/// [`shaken_free`] by the first of the last round, if it is worth anything.
-fn shaken_by_leader(all: &Selection, explained: f64, context: &Context) -> Option<Hypothesis> {
-    let leader = all.last.first().filter(|trial| is_worth(&all.found, trial, explained, context))?;
+/// [`shaken_free`] by the first of the last round, if it gains what would be worth it.
+fn shaken_by_leader(all: &Selection, context: &Context) -> Option<Hypothesis> {
+    let leader = all.last.first().filter(|t| t.gain > worth(context, t.candidate.keys.len()))?;
     shaken_free(&all.found, leader, context)
 }
 
@@ -99,20 +99,20 @@ pub fn forward(
 ) -> Selection {
     let (added, last) = (Vec::new(), Vec::new());
     let mut all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
-    let (mut explained, mut restarts, mut begun) = (0.0, 0, None);
+    let (mut explained, mut restarts, mut last_cost) = (0.0, 0, 0);
     loop {
         let spent = all.found.problem.effort.spent();
         // Another round begins only if it should end in time, by what the last one took: an answer with fewer effects is
         // better than none.
-        if begun.is_some_and(|begun| 2 * spent - begun > MOST_EFFORT) {
+        if last_cost > 0 && spent + last_cost > MOST_EFFORT {
             said("no time for another round");
             (all.last, all.cut_short) = (Vec::new(), true);
             return all;
         }
-        begun = Some(spent);
         let candidates = library(&all.found);
         said(&format!("{} candidates", candidates.len()));
         all.last = round(&all.found, &all.found, &candidates, context, &mut said);
+        last_cost = all.found.problem.effort.spent() - spent;
         if let Some(also) = also.filter(|_| all.added.is_empty()) {
             said("the same from the numbers as given");
             let more = round(also, &all.found, &library(also), context, &mut said);
@@ -123,10 +123,10 @@ pub fn forward(
         if all.added.len() >= MOST || patches >= PATCHES {
             return all;
         }
-        simplest_first(&mut all.last);
+        simplest_first(&mut all.last, context);
         // Before the recordings left out are asked: what they say of a false minimum is as false.
         if restarts < RESTARTS
-            && let Some(better) = shaken_by_leader(&all, explained, context)
+            && let Some(better) = shaken_by_leader(&all, context)
         {
             said(&format!("   {} only shook the fit free: again from there", all.last[0].candidate.effect));
             restarts += 1;
@@ -151,8 +151,7 @@ pub fn forward(
         let best = unstuck(&all.found, all.last.remove(i), context, &mut said);
         explained += best.gain;
         all.add(best, context);
-        let given = all.found.rig.effects.len() - all.added.len();
-        all.found = reconsidered(all.found, &mut all.added, given, context, &mut said);
+        all.found = reconsidered(all.found, &mut all.added, context, &mut said);
     }
 }
 

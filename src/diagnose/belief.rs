@@ -5,7 +5,7 @@
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::folds::LeftOut;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::likelihood::is_misfit;
+use crate::diagnose::likelihood::{Difference, is_misfit};
 use crate::diagnose::tables::estimates;
 use crate::diagnose::tried::{Context, Trial, at_zero, compare, worth};
 use crate::diagnose::unlisted::is_patch;
@@ -31,12 +31,22 @@ pub fn is_worth(base: &Hypothesis, trial: &Trial, explained_before: f64, context
     let noticed = !misfit || trial.gain > 0.1 * context.samples as f64;
     let admitted = noticed && !is_piece(base, trial, context);
     trial.gain > worth(context, trial.candidate.keys.len())
-        && sure.low > 0.0
+        && is_sure(trial, sure, context)
         && share
         && admitted
         && !at_zero(trial)
         && !trial.hypothesis.rig.effects.last().is_some_and(is_cut_off)
 }
+
+/// True if the gain is no chance of which blocks of the recordings there are. A single event is in one of them: all of its
+/// gain, or none, is in a sample of blocks, which says nothing; it must be worth more instead.
+fn is_sure(trial: &Trial, gain: Difference, context: &Context) -> bool {
+    let single = trial.candidate.only.is_some() && trial.gain > SINGLE * worth(context, trial.candidate.keys.len());
+    gain.low > 0.0 || single && gain.total > 0.0
+}
+
+/// Least gain of a single event in parts of [`worth`], where the blocks do not bear it out.
+const SINGLE: f64 = 1.5;
 
 /// A number at the edge of the range in which it was sought was not found (the design's "no bound hit"): a resonance
 /// there stands for a slower or faster motion that is none, one without damping for a vibration from elsewhere, a
@@ -105,7 +115,10 @@ pub fn believed(
     if !is_worth(now, trial, explained, context) {
         return false;
     }
-    if is_doubtful(&trial.hypothesis) {
+    let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
+    // A strength that a base parameter shares is uncertain; that it is none is not, with a gain like this.
+    let beyond_doubt = !misfit && trial.gain > CERTAIN * worth(context, trial.candidate.keys.len());
+    if !beyond_doubt && is_doubtful(&trial.hypothesis) {
         said(&format!("   {} is not two deviations from nothing", trial.candidate.effect));
         return false;
     }
@@ -127,6 +140,9 @@ fn is_doubtful(of: &Hypothesis) -> bool {
     };
     of.rig.effects[e].kind.keys().iter().enumerate().any(unsure)
 }
+
+/// Gain beyond doubt, in parts of [`worth`].
+const CERTAIN: f64 = 5.0;
 
 /// Deviations from nothing from which a strength is believed.
 const SURE: f64 = 2.0;
@@ -156,18 +172,27 @@ fn resemblance(periods: f64) -> f64 {
 const LEAST_KEPT: f64 = 0.25;
 
 /// An effect that is the limit of another: the other, with one number more, must gain clearly more to be believed.
-pub const LIMITS_OF: &[(&str, &str)] =
-    &[("torque_offset", "parallel_spring"), ("coulomb_friction", "stribeck_friction")];
+pub const LIMITS_OF: &[(&str, &str)] = &[
+    ("torque_offset", "parallel_spring"),
+    ("coulomb_friction", "stribeck_friction"),
+    // Over less than a turn.
+    ("sensor_bias", "encoder_eccentricity"),
+];
 
 /// Part of the richer effect's gain that is enough for the simpler one.
 pub const ENOUGH: f64 = 0.95;
 
-/// Where a simpler limit of the leader gains nearly as much, the leader goes: what is left may still be added.
-pub fn simplest_first(trials: &mut Vec<Trial>) {
+/// Where a simpler limit of the leader gains nearly as much, the leader goes: what is left may still be added. Then the first
+/// is who gains most for the numbers that it adds (Schwarz 1978; an initial state of a window brings 1 by chance).
+pub fn simplest_first(trials: &mut Vec<Trial>, context: &Context) {
     let Some(leader) = trials.first() else { return };
     let simple = LIMITS_OF.iter().filter(|(_, rich)| *rich == leader.candidate.effect).find_map(|(simple, _)| {
+        // Where the leader leaves nothing but noise, what it is ahead counts as anything else does.
+        let most =
+            if is_misfit(&leader.hypothesis.residuals, &context.floors) { f64::INFINITY } else { worth(context, 1) };
         let close = |t: &Trial| {
-            t.candidate.effect == *simple && t.candidate.at == leader.candidate.at && t.gain >= ENOUGH * leader.gain
+            let near = t.gain >= (ENOUGH * leader.gain).max(leader.gain - most);
+            t.candidate.effect == *simple && t.candidate.at == leader.candidate.at && near
         };
         trials.iter().position(close)
     });
@@ -175,11 +200,66 @@ pub fn simplest_first(trials: &mut Vec<Trial>) {
         let simple = trials.remove(i);
         trials[0] = simple;
     }
+    let net = |t: &Trial| t.gain - price(t, context);
+    let best = trials.iter().enumerate().max_by(|a, b| net(a.1).total_cmp(&net(b.1))).map_or(0, |(i, _)| i);
+    trials[..=best].rotate_right(1);
+}
+
+/// What a trial's numbers are worth by chance, in twice the log-likelihood.
+fn price(trial: &Trial, context: &Context) -> f64 {
+    let numbers = trial.candidate.keys.iter().filter(|k| k.max > k.min).count() as f64;
+    let states = trial.hypothesis.point.states.iter().map(Vec::len).sum::<usize>() as f64;
+    numbers * libm::log(context.samples.max(2) as f64) + states
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::candidates;
+    use crate::identify::problem::Problem;
+
+    const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
+        [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n";
+
+    fn trial(effect: &'static str, numbers: usize, gain: f64) -> Trial {
+        let problem = Problem::shaken(RIG, None, vec![0.0; 200]);
+        let start = problem.start();
+        let hypothesis = Hypothesis::at(problem, start, nalgebra::DMatrix::zeros(0, 0), &[1e-3]).unwrap();
+        let key = candidates::Key { name: "x", min: 0.0, max: 1.0, log: false };
+        let candidate = Candidate {
+            effect,
+            at: "q1".into(),
+            keys: vec![key; numbers],
+            starts: Vec::new(),
+            only: None,
+            motor_sensor: None,
+            side: crate::model::rig::Side::Link,
+        };
+        Trial { candidate, hypothesis, gain }
+    }
+
+    fn order(mut trials: Vec<Trial>) -> Vec<&'static str> {
+        let context = Context { floors: vec![1e-3], samples: 1000, given: 0, is_trapped: false, seed: 1 };
+        simplest_first(&mut trials, &context);
+        trials.iter().map(|t| t.candidate.effect).collect()
+    }
+
+    #[test]
+    fn who_needs_fewer_numbers_stands_first_where_more_bring_no_more() {
+        // ln 1000 = 6.9 for a number.
+        let close = vec![trial("joint_elasticity", 3, 512.0), trial("actuator_lag", 1, 500.0)];
+        assert_eq!(order(close), ["actuator_lag", "joint_elasticity"]);
+        let far = vec![trial("joint_elasticity", 3, 515.0), trial("actuator_lag", 1, 500.0)];
+        assert_eq!(order(far), ["joint_elasticity", "actuator_lag"]);
+    }
+
+    #[test]
+    fn a_limit_of_the_leader_goes_first_with_most_of_its_gain() {
+        let most = vec![trial("parallel_spring", 2, 1000.0), trial("torque_offset", 1, 960.0)];
+        assert_eq!(order(most)[0], "torque_offset");
+        let less = vec![trial("parallel_spring", 2, 1000.0), trial("torque_offset", 1, 940.0)];
+        assert_eq!(order(less)[0], "parallel_spring");
+    }
 
     #[test]
     fn waves_that_differ_by_a_period_have_nothing_in_common() {

@@ -5,78 +5,8 @@
 //! acts at all; shape parameters (a velocity, a frequency, a gap) get a grid.
 //! RT: no.
 
+use crate::diagnose::scales::{ActuatorScale, JointScale, Scales, SensorScale};
 use crate::model::rig::Side;
-
-/// How large things are on one joint over the fit recordings.
-#[derive(Clone, Debug)]
-pub struct JointScale {
-    /// Coordinate.
-    pub name: String,
-    /// Largest applied torque, Nm or N.
-    pub torque: f64,
-    /// Root mean square of the rate, rad/s or m/s.
-    pub rate: f64,
-    /// Half of the travel, rad or m.
-    pub travel: f64,
-    /// Half of the travel within a window, the longest but a tenth of them.
-    pub stroke: f64,
-    /// Inertia seen at the joint, kg m² or kg.
-    pub inertia: f64,
-    /// Coulomb friction of the base, Nm or N.
-    pub coulomb: f64,
-    /// True if an actuator acts on it.
-    pub driven: bool,
-    /// True if it turns (torque ripple then repeats per turn).
-    pub turns: bool,
-    /// True if something stands still at its other side, in one recording at least: a bearing, a motor. A leg of a robot
-    /// that only walks turns about nothing that could rub.
-    pub borne: bool,
-}
-
-/// How large things are on one actuator.
-#[derive(Clone, Debug)]
-pub struct ActuatorScale {
-    /// Column.
-    pub column: String,
-    /// Largest absolute torque or force that it applied.
-    pub peak: f64,
-}
-
-/// How large things are on one sensor.
-#[derive(Clone, Debug)]
-pub struct SensorScale {
-    /// Column.
-    pub column: String,
-    /// Coordinate that it reads.
-    pub joint: String,
-    /// Standard deviation of the reading.
-    pub spread: f64,
-    /// True if it reads a rate.
-    pub of_rate: bool,
-}
-
-/// Everything that sets the scale of the candidates of one case.
-#[derive(Clone, Debug)]
-pub struct Scales {
-    /// Coordinates.
-    pub joints: Vec<JointScale>,
-    /// Actuators.
-    pub actuators: Vec<ActuatorScale>,
-    /// Sensors.
-    pub sensors: Vec<SensorScale>,
-    /// Sampling interval, s.
-    pub step_s: f64,
-    /// Longest fit recording, s.
-    pub duration_s: f64,
-    /// Longest window, s.
-    pub window_s: f64,
-    /// Leg length if there is a ground, m.
-    pub leg_m: Option<f64>,
-    /// Weight carried by the ground, N.
-    pub weight_n: f64,
-    /// True if a recording walks (impacts).
-    pub walks: bool,
-}
 
 /// A parameter of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,10 +47,25 @@ impl Candidate {
         ["joint_elasticity", "backlash", "link_flexibility", "presliding", "sensor_lag"].contains(&self.effect)
     }
 
-    /// True if only the starts differ.
+    /// True if it is the same effect at the same place, whatever its starts and how far it may go.
     #[must_use]
     pub fn is_same_as(&self, other: &Self) -> bool {
-        *self == Self { starts: self.starts.clone(), ..other.clone() }
+        let order = |c: &Self| c.keys.iter().find(|k| k.name == "order").copied();
+        (self.effect, &self.at, &self.only, &self.motor_sensor, self.side, order(self))
+            == (other.effect, &other.at, &other.only, &other.motor_sensor, other.side, order(other))
+    }
+
+    /// Its place, and what tells it from others of its kind there.
+    #[must_use]
+    pub fn place(&self) -> String {
+        let order =
+            self.keys.iter().find(|k| k.name == "order").map(|k| format!(", order {:.4}", 0.5 * (k.min + k.max)));
+        let side = if self.side == Side::Motor { ", on the motor's side" } else { "" };
+        format!(
+            "{}{}{side}",
+            self.at,
+            order.map(|o| o.trim_end_matches('0').trim_end_matches('.').to_owned()).unwrap_or_default()
+        )
     }
 }
 
@@ -279,7 +224,7 @@ fn two_encoders(j: &JointScale, scales: &Scales) -> Vec<Candidate> {
 
 fn structure(j: &JointScale) -> Vec<Candidate> {
     let keys =
-        vec![decades("frequency", 1.5, 150.0), decades("damping", 0.002, 0.5), linear("participation", 0.0, 0.9)];
+        vec![decades("frequency", 1.5, 200.0), decades("damping", 0.002, 0.5), linear("participation", 0.0, 0.9)];
     let starts = [3.0, 6.0, 12.0, 25.0, 50.0].iter().map(|f| vec![*f, 0.03, 0.03]).collect();
     vec![candidate("link_flexibility", &j.name, keys, starts)]
 }

@@ -11,14 +11,10 @@ use crate::identify::fit::Limits;
 use crate::model::rig::Effect;
 
 /// Swap and backward: every effect of `found` is exchanged for its close rivals in the company of the others, and
-/// left out; what is better stays. `first` is the index of the first added effect in the rig.
+/// left out; what is better stays.
 #[must_use]
-pub fn contested(
-    found: Hypothesis,
-    mut added: Vec<Added>,
-    first: usize,
-    context: &Context,
-) -> (Hypothesis, Vec<Added>) {
+pub fn contested(found: Hypothesis, mut added: Vec<Added>, context: &Context) -> (Hypothesis, Vec<Added>) {
+    let first = context.given;
     let mut found = found;
     if added.len() < 2 {
         return (found, added);
@@ -70,10 +66,10 @@ fn leading(added: &Added) -> f64 {
 pub fn reconsidered(
     mut found: Hypothesis,
     added: &mut [Added],
-    first: usize,
     context: &Context,
     said: &mut impl FnMut(&str),
 ) -> Hypothesis {
+    let first = context.given;
     for i in 0..added.len().saturating_sub(1) {
         let own = added[i].gain;
         let rivals = exchanged(&found, &added[i], first + i, context, NEAR * own);

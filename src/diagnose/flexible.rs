@@ -5,7 +5,8 @@
 //! this is a known force on the tangent, whatever the frequency; what rings from before the window is free.
 //! RT: no.
 
-use crate::diagnose::candidates::JointScale;
+use crate::diagnose::lines::{LOWEST_HZ, highest_hz};
+use crate::diagnose::scales::JointScale;
 use crate::diagnose::scan::Hit;
 use crate::diagnose::screen::{Column, Own, Screen};
 use crate::diagnose::tangent::Tangent;
@@ -14,28 +15,32 @@ use rayon::prelude::*;
 /// Ratio of neighbouring frequencies: a mode of 4 % damping is as wide.
 const RATIO: f64 = 1.05;
 
-/// Lowest frequency, Hz: slower modes are motions of the mechanism.
-const LOWEST_HZ: f64 = 2.0;
-
 /// Damping ratios.
 const DAMPINGS: [f64; 2] = [0.02, 0.08];
+
+/// Damping ratios of a line in the spectrum, and where the mode is that rings there: with the hub held it is slower.
+const NARROW: [f64; 2] = [0.002, 0.01];
+const BELOW: [f64; 5] = [1.0, 0.99, 0.97, 0.94, 0.88];
 
 /// Starts that are handed on.
 const STARTS: usize = 3;
 
-/// Frequency and damping of the best modes at `joint`, best first, well apart; the amplitude is the share. `absolute`: coordinates whose sum is the link's angle in space.
+/// Frequency and damping of the best modes at `joint`, best first, well apart; the amplitude is the share. `absolute`:
+/// coordinates whose sum is the link's angle in space; `peaks_hz`: lines of the residuals, which a grid would miss.
 #[must_use]
 pub fn flexibility(
     screen: &Screen,
     windows: &[Tangent],
     joint: &JointScale,
     absolute: &[usize],
+    peaks_hz: &[f64],
 ) -> Vec<Hit<(f64, f64)>> {
     let Some(step_s) = windows.first().filter(|w| w.rows() > 2).map(|w| w.t_s[1] - w.t_s[0]) else { return Vec::new() };
-    let highest = (0.3 / step_s).min(120.0);
+    let highest = highest_hz(step_s);
     let count = (libm::log(highest / LOWEST_HZ) / libm::log(RATIO)).max(0.0) as usize;
-    let grid: Vec<(f64, f64)> =
-        (0..=count).flat_map(|i| DAMPINGS.map(|z| (LOWEST_HZ * libm::pow(RATIO, i as f64), z))).collect();
+    let even = (0..=count).flat_map(|i| DAMPINGS.map(|z| (LOWEST_HZ * libm::pow(RATIO, i as f64), z)));
+    let narrow = peaks_hz.iter().flat_map(|f| BELOW.iter().map(move |x| x * f)).flat_map(|f| NARROW.map(|z| (f, z)));
+    let grid: Vec<(f64, f64)> = even.chain(narrow).collect();
     let one = |at: &(f64, f64)| {
         let (driven, free) = responses(windows, joint.inertia, absolute, *at);
         Hit { at: *at, score: screen.score_beside(&[driven], &free) }

@@ -60,6 +60,16 @@ impl Hypothesis {
         Self { problem, ..self.clone() }
     }
 
+    /// Effort of one linearisation. Only a run knows its steps: it carries two numbers for each coordinate, a linearisation
+    /// its directions as well.
+    #[must_use]
+    pub fn cost_of_linearisation(&self) -> u64 {
+        let problem = self.problem.clone().with_allowance(u64::MAX);
+        let directions = self.point.parameters.len() + self.point.states.first().map_or(0, Vec::len);
+        let ran = problem.residuals(&self.point).is_some();
+        u64::from(ran) * problem.effort.spent() * (directions as u64 + 2) / 2
+    }
+
     /// Fits on from here under another noise.
     #[must_use]
     pub fn polished(&self, noise: &[Colour], floors: &[f64], limits: Limits) -> Option<Self> {

@@ -18,6 +18,7 @@ pub mod identification;
 pub mod laws;
 pub mod likelihood;
 pub mod linearise;
+pub mod lines;
 pub mod localise;
 pub mod narrow;
 pub mod own;

@@ -3,11 +3,10 @@
 //! Each is said only where it says something: most of the energy in a small part of the rows, or of the spectrum.
 //! RT: no.
 
+use crate::base::spectrum::hann_energy;
 use crate::diagnose::verdict::{Place, Trace};
 use crate::identify::experiment::Recording;
 use crate::model::rig::Sensor;
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
 
 /// Part of the energy that a region or a phase must hold to be named.
 const MOST: f64 = 0.65;
@@ -86,7 +85,7 @@ impl View<'_> {
         if (1..n).any(|i| t(i) - t(i - 1) > 1.5 * step_s) {
             return None;
         }
-        let energy = spectrum(&self.rows.iter().map(|k| self.mismatch[*k]).collect::<Vec<_>>());
+        let energy = hann_energy(&self.rows.iter().map(|k| self.mismatch[*k]).collect::<Vec<_>>(), n);
         let (low, high) = narrowest(&energy)?;
         let per_bin = 1.0 / (n as f64 * step_s);
         let band = [low as f64 * per_bin, (high + 1) as f64 * per_bin];
@@ -94,17 +93,6 @@ impl View<'_> {
         let is_narrow = low >= 3 && band[1] - band[0] <= NARROW * 0.5 * (band[0] + band[1]);
         is_narrow.then_some(band)
     }
-}
-
-/// Energy per frequency bin of a signal without its mean, Hann's window on it; bin 0 is left empty.
-fn spectrum(signal: &[f64]) -> Vec<f64> {
-    let n = signal.len();
-    let mean = signal.iter().sum::<f64>() / n as f64;
-    let hann = |k: usize| 0.5 - 0.5 * libm::cos(2.0 * std::f64::consts::PI * k as f64 / n as f64);
-    let mut data: Vec<Complex<f64>> =
-        signal.iter().enumerate().map(|(k, x)| Complex::new((x - mean) * hann(k), 0.0)).collect();
-    FftPlanner::new().plan_fft_forward(n).process(&mut data);
-    data[..n / 2].iter().enumerate().map(|(k, z)| if k == 0 { 0.0 } else { z.norm_sqr() }).collect()
 }
 
 /// First and last bin of the narrowest interval that holds [`IN_BAND`] of the energy.

@@ -17,9 +17,9 @@ use crate::diagnose::scales::scales;
 use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
 use crate::diagnose::sets::{answered, rejected};
-use crate::diagnose::suspicion::{at_bounds, suspicions};
-use crate::diagnose::tables::{headline, parameter_lines, ranking, undetermined_combinations};
-use crate::diagnose::tried::{Added, Context, Trial, compare, worth};
+use crate::diagnose::suspicion::{at_bounds, contradicted, suspicions};
+use crate::diagnose::tables::{estimates, headline, parameter_lines, ranking, undetermined_combinations};
+use crate::diagnose::tried::{Added, Context, Trial, compare, removed, worth};
 use crate::diagnose::unlisted::{Unlisted, unexplained};
 use crate::diagnose::valley::wandered;
 use crate::diagnose::verdict::{Diagnosis, Findings, Law, Missing, Trace, Verdict, verdict_of};
@@ -73,8 +73,17 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let given = as_given(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
     let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
     let base = no_worse(base, &given, &floors);
-    let context = Context { samples: samples(&base.residuals, &floors), floors, seed };
+    let context = Context {
+        samples: samples(&base.residuals, &floors),
+        given: experiment.rig.effects.len(),
+        is_trapped: is_trapped(&base, experiment),
+        floors,
+        seed,
+    };
     said(&format!("noise {:.3?}", base.noise));
+    for (name, of) in estimates(&base) {
+        said(&format!("   {name} {:.4}", of.value));
+    }
     let library = |now: &Hypothesis| {
         let Some(windows) = tangents(now) else { return Vec::new() };
         let scales = scales(now, &windows, &pooled);
@@ -84,7 +93,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
         };
         candidates(now, &scales, [&fine, &coarse], &windows)
     };
-    let also = is_trapped(&base, experiment).then(|| given.counted_with(&base));
+    let also = context.is_trapped.then(|| given.counted_with(&base));
     let mut all = forward(&base, also.as_ref(), &library, &context, &mut said);
     if all.added.is_empty()
         && let Some(strict) = without_slow_noise(&all.base, &context)
@@ -96,23 +105,26 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let refit = compare(&base, &given, &context);
     let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
     said(&format!("re-fit gains {:.0}", refit.total));
-    let (found, added) = contested(found, added, experiment.rig.effects.len(), &context);
+    let (found, added) = contested(found, added, &context);
     let found = settled(along_ridges(found, &context), &context);
     said("what is left");
-    let rest = unexplained(&found, &base, &context, &mut said);
+    let strict = without_slow_noise(&base, &context);
+    let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), &context, &mut said);
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
     let rest = rest.map(|(unlisted, _)| unlisted);
     let (base, found) = (base.with_intervals(), found.with_intervals());
     let answer = Found { given, base, found, added, rest, refit_needed };
     let mut warnings = warnings(experiment, &dropped);
-    warnings.extend(cut_short.then(|| CUT_SHORT.to_owned()));
+    let rest_matters = removed(&answer.base, &answer.found, &context) < NEARLY_ALL;
+    warnings.extend((cut_short && rest_matters).then(|| CUT_SHORT.to_owned()));
     let explained = answer.explained();
     warnings.extend(suspicions(explained, &context.floors));
     warnings.extend(at_bounds(explained, &experiment.rig));
     warnings.extend(complaints(&explained.problem, &explained.point, &explained.noise));
     said("proof");
     let mut findings = answer.findings(experiment, &context, &last, warnings)?;
+    findings.warnings.extend(contradicted(&findings.diagnosis.fit));
     findings.diagnosis.seconds = began.elapsed().as_secs_f64();
     Ok(Answer { findings, model: answer.model(experiment) })
 }
@@ -127,15 +139,22 @@ fn is_trapped(base: &Hypothesis, experiment: &Experiment) -> bool {
 /// to 200.
 const LONGEST_MEMORY: f64 = 20.0;
 
+/// The same where the base stands at bounds, which a healthy machine's does not: filtered noise (a pole of .8) comes to 5.
+const LONGEST_TRAPPED: f64 = 6.0;
+
 /// `base` with its slow noise taken for mismatch, if it has any. A slow mismatch with white noise on top passes for noise of
 /// a long memory, and that swallows whatever would explain it (seen: nine times the noise called consistent).
 fn without_slow_noise(base: &Hypothesis, context: &Context) -> Option<Hypothesis> {
-    if base.noise.iter().all(|colour| memory(colour) <= LONGEST_MEMORY) {
+    let longest_memory = if context.is_trapped { LONGEST_TRAPPED } else { LONGEST_MEMORY };
+    if base.noise.iter().all(|colour| memory(colour) <= longest_memory) {
         return None;
     }
-    let problem = Problem { longest_memory: LONGEST_MEMORY, ..base.problem.clone() };
+    let problem = Problem { longest_memory, ..base.problem.clone() };
     Hypothesis::at(problem, base.point.clone(), base.information.clone(), &context.floors)
 }
+
+/// Part of the misfit after which a search that ended early has missed nothing to speak of.
+const NEARLY_ALL: f64 = 0.95;
 
 /// What to say of a search that ended early.
 const CUT_SHORT: &str = "the search for further effects ended at its limit of work: more may be missing than is named; \
@@ -271,7 +290,7 @@ impl Found {
             schema: 1,
             verdict,
             places,
-            rejected: rejected(&self.added, last, context),
+            rejected: rejected(&missing, &self.added, last, context),
             missing,
             next_experiment,
             fit,

@@ -2,9 +2,11 @@
 //!
 //! RT: no.
 
-use crate::diagnose::candidates::{Candidate, JointScale, Key, Scales, library};
+use crate::diagnose::candidates::{Candidate, Key, library};
 use crate::diagnose::flexible::flexibility;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::lines::peaks_hz;
+use crate::diagnose::scales::{JointScale, Scales};
 use crate::diagnose::scan::{Hit, jump, linear, push, ripple};
 use crate::diagnose::screen::Screen;
 use crate::diagnose::tangent::Tangent;
@@ -26,10 +28,11 @@ pub fn candidates(
 ) -> Vec<Candidate> {
     let screen = fine;
     let mut all: Vec<Candidate> = library(scales).into_iter().filter(|c| !stands(now, c)).collect();
+    let peaks_hz = peaks_hz(&now.residuals, windows);
     for (j, joint) in scales.joints.iter().enumerate() {
         let narrow = |c: &Candidate| c.at == joint.name && ["link_flexibility", "joint_elasticity"].contains(&c.effect);
         if all.iter().any(narrow) {
-            let lines = lines(now, scales, screen, windows, j);
+            let lines = lines(now, scales, (screen, windows), j, &peaks_hz);
             all.iter_mut().filter(|c| narrow(c)).for_each(|c| start_at_lines(c, joint, &lines));
         }
     }
@@ -45,7 +48,12 @@ pub fn candidates(
         all.extend(push_candidate(now, scales, screen, windows, j));
     }
     for channel in 0..now.rig.sensors.len() {
-        all.extend(jump_candidate(now, scales, screen, windows, channel));
+        let Some(hit) = jump_of(now, scales, screen, windows, channel) else { continue };
+        let of = scales.joints.iter().position(|j| {
+            scales.sensors.iter().any(|s| s.joint == j.name && s.column == now.rig.sensors[channel].column)
+        });
+        all.extend(of.and_then(|j| kick_candidate(now, scales, windows, (j, &hit))));
+        all.push(jump_candidate(now, scales, windows, (channel, &hit)));
     }
     all
 }
@@ -61,11 +69,17 @@ fn stands(now: &Hypothesis, candidate: &Candidate) -> bool {
 }
 
 /// Where something rings at joint `j`.
-fn lines(now: &Hypothesis, scales: &Scales, screen: &Screen, windows: &[Tangent], j: usize) -> Vec<Hit<(f64, f64)>> {
+fn lines(
+    now: &Hypothesis,
+    scales: &Scales,
+    (screen, windows): (&Screen, &[Tangent]),
+    j: usize,
+    peaks_hz: &[f64],
+) -> Vec<Hit<(f64, f64)>> {
     // The second link of a chain turns by the sum of both angles.
     let chain = now.rig.mechanism == MechanismKind::DoublePendulum && j == 1;
     let absolute = if chain { vec![0, 1] } else { vec![j] };
-    flexibility(screen, windows, &scales.joints[j], &absolute)
+    flexibility(screen, windows, &scales.joints[j], &absolute, peaks_hz)
 }
 
 /// Shares of the inertia that a rotor behind a ringing joint may have.
@@ -164,6 +178,9 @@ fn file(now: &Hypothesis, window: &Tangent) -> Option<String> {
     now.problem.recordings.get(window.recording).map(|r| r.name.clone())
 }
 
+/// Times the impulse of the scan from which a push starts.
+const LOUD: [f64; 3] = [1.0, 2.0, 4.0];
+
 fn push_candidate(
     now: &Hypothesis,
     scales: &Scales,
@@ -172,52 +189,84 @@ fn push_candidate(
     joint: usize,
 ) -> Option<Candidate> {
     let Hit { at: (w, k), score } = push(screen, windows, joint)?;
-    let (time, reach) = (windows[w].t_s[k], 10.0 * scales.step_s);
-    let impulse = score.amplitudes[0];
-    let bound = 20.0 * impulse.abs().max(1e-12);
-    let keys = vec![
-        Key { name: "impulse", min: -bound, max: bound, log: false },
-        Key { name: "time", min: time - reach, max: time + reach, log: false },
-    ];
-    let at = scales.joints[joint].name.clone();
-    Some(Candidate {
-        effect: "external_push",
-        at,
-        keys,
-        starts: vec![vec![impulse, time]],
-        only: file(now, &windows[w]),
-        motor_sensor: None,
-        side: Side::Link,
-    })
+    let (time, reach, impulse) = (windows[w].t_s[k], 10.0 * scales.step_s, score.amplitudes[0]);
+    // Where feet touch down the tangent feels a push too much: what it cannot follow it takes for less.
+    let starts = LOUD.iter().map(|louder| vec![louder * impulse, time]).collect();
+    Some(single(
+        "external_push",
+        &scales.joints[joint].name,
+        file(now, &windows[w]),
+        ("impulse", impulse),
+        [time - reach, time + reach],
+        starts,
+    ))
 }
 
-fn jump_candidate(
+/// A single event in one recording: how strong (its size is known to a factor) and between which times.
+fn single(
+    effect: &'static str,
+    at: &str,
+    only: Option<String>,
+    (name, size): (&'static str, f64),
+    [from_s, to_s]: [f64; 2],
+    starts: Vec<Vec<f64>>,
+) -> Candidate {
+    let bound = 20.0 * size.abs().max(1e-12);
+    let keys = vec![
+        Key { name, min: -bound, max: bound, log: false },
+        Key { name: "time", min: from_s, max: to_s, log: false },
+    ];
+    Candidate { effect, at: at.to_owned(), keys, starts, only, motor_sensor: None, side: Side::Link }
+}
+
+/// Where `channel` jumps and stays, if it can lose counts.
+fn jump_of(
     now: &Hypothesis,
     scales: &Scales,
     screen: &Screen,
     windows: &[Tangent],
     channel: usize,
+) -> Option<Hit<(usize, usize)>> {
+    let sensor = &now.rig.sensors[channel];
+    let counts = !sensor.is_rate && scales.sensors.iter().any(|s| s.column == sensor.column);
+    if counts { jump(screen, windows, channel) } else { None }
+}
+
+/// How far from where a reading jumps a kick may lie, in rows: it comes before the joint rests again.
+const KICK_ROWS: f64 = 60.0;
+
+/// A push that moves joint `j` by as much as its reading jumps and leaves it there. The tangent of a joint that friction
+/// holds feels no force, and a scan for pushes on it finds none.
+fn kick_candidate(
+    now: &Hypothesis,
+    scales: &Scales,
+    windows: &[Tangent],
+    (j, hit): (usize, &Hit<(usize, usize)>),
 ) -> Option<Candidate> {
-    let at = now.rig.sensors[channel].column.clone();
-    if now.rig.sensors[channel].is_rate || !scales.sensors.iter().any(|s| s.column == at) {
+    let joint = &scales.joints[j];
+    let (w, k) = hit.at;
+    let (step, rested_s) = (hit.score.amplitudes[0], windows[w].t_s[k]);
+    // Friction takes the energy of the kick over the way.
+    let impulse = libm::sqrt(2.0 * joint.inertia * joint.coulomb * step.abs()) * step.signum();
+    if impulse.abs() <= 0.0 {
         return None;
     }
-    let Hit { at: (w, k), score } = jump(screen, windows, channel)?;
+    let lasts_s = 2.0 * step * joint.inertia / impulse;
+    let reach = KICK_ROWS * scales.step_s;
+    let starts = [0.3, 0.6, 1.0].map(|part| vec![impulse, (rested_s - part * lasts_s).max(rested_s - reach)]);
+    let times = [rested_s - reach, rested_s + 0.5 * reach];
+    Some(single("external_push", &joint.name, file(now, &windows[w]), ("impulse", impulse), times, starts.to_vec()))
+}
+
+fn jump_candidate(
+    now: &Hypothesis,
+    scales: &Scales,
+    windows: &[Tangent],
+    (channel, hit): (usize, &Hit<(usize, usize)>),
+) -> Candidate {
+    let ((w, k), step) = (hit.at, hit.score.amplitudes[0]);
     // The first row that shows it; the jump itself lies between it and the one before.
     let time = windows[w].t_s[k] - 0.5 * scales.step_s;
-    let step = score.amplitudes[0];
-    let bound = 20.0 * step.abs().max(1e-12);
-    let keys = vec![
-        Key { name: "step", min: -bound, max: bound, log: false },
-        Key { name: "time", min: time, max: time, log: false },
-    ];
-    Some(Candidate {
-        effect: "lost_counts",
-        at,
-        keys,
-        starts: vec![vec![step, time]],
-        only: file(now, &windows[w]),
-        motor_sensor: None,
-        side: Side::Link,
-    })
+    let column = &now.rig.sensors[channel].column;
+    single("lost_counts", column, file(now, &windows[w]), ("step", step), [time, time], vec![vec![step, time]])
 }

@@ -10,7 +10,7 @@ use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{blocks, white};
 use crate::diagnose::screen::{Column, Own, Screen};
 use crate::diagnose::thin::{Thin, thinned};
-use crate::diagnose::tried::{Context, Trial, with_effect, worth};
+use crate::diagnose::tried::{Context, MOST_EFFORT, Trial, with_effect, worth};
 use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
@@ -34,10 +34,11 @@ const LEADING: usize = 5;
 /// A candidate with less than this part of the leader's gain does not go on.
 const BEHIND: f64 = 0.2;
 
-/// A candidate, its best start and the fall of twice the log-likelihood that it promises.
-type Ranked<'c> = (&'c Candidate, Vec<f64>, f64);
+/// A candidate, a start and the fall of twice the log-likelihood that it promises.
+type Ranked<'c> = (&'c Candidate, &'c [f64], f64);
 
-/// Gives each candidate its best start by the gain that one step promises; best candidates first.
+/// Every start of every candidate with the gain that one step promises, each candidate's best first: the first of all
+/// candidates, then the second of all, best candidates first.
 ///
 /// Base parameters and initial states are followed along the base solution's own tangent: a start then costs one run
 /// with its few own directions instead of a full linearisation.
@@ -54,17 +55,15 @@ fn screened<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour]) -
         .par_iter()
         .map(|(candidate, start)| promised(base, &screen, &plain, candidate, start).unwrap_or(f64::NEG_INFINITY))
         .collect();
-    let mut best: Vec<Ranked<'_>> = Vec::new();
-    for ((candidate, start), gain) in starts.into_iter().zip(gains) {
-        match best.iter_mut().find(|(c, ..)| std::ptr::eq(*c, candidate)) {
-            Some(entry) if gain > entry.2 => (entry.1, entry.2) = (start.clone(), gain),
-            Some(_) => {}
-            None => best.push((candidate, start.clone(), gain)),
-        }
-    }
-    best.retain(|b| b.2.is_finite());
-    best.sort_by(|a, b| b.2.total_cmp(&a.2));
-    best
+    let mut all: Vec<Ranked<'_>> =
+        starts.into_iter().zip(gains).map(|((c, s), gain)| (c, s.as_slice(), gain)).collect();
+    all.retain(|b| b.2.is_finite());
+    all.sort_by(|a, b| b.2.total_cmp(&a.2));
+    let place = |(i, (c, ..)): (usize, &Ranked<'c>)| all[..i].iter().filter(|b| std::ptr::eq(b.0, *c)).count();
+    let places: Vec<usize> = all.iter().enumerate().map(place).collect();
+    let mut order: Vec<usize> = (0..all.len()).collect();
+    order.sort_by_key(|i| places[*i]);
+    order.into_iter().map(|i| all[i]).collect()
 }
 
 /// Gain that `candidate` promises from `start`: the move that the start itself makes, and one step from there.
@@ -114,20 +113,28 @@ fn slopes(runs: &[Vec<Series>], j: usize) -> Column {
     runs.iter().map(|window| window.iter().map(|s| s.slopes[j].clone()).collect()).collect()
 }
 
-/// The candidates worth a full fit: the best, and every lookalike of the best three at the same place or any. What has
-/// inner states promises much wherever windows are many and may be no effect ([`goes_on`]): the best of the others
-/// are fitted as well.
-fn chosen<'c>(ranked: &[Ranked<'c>]) -> Vec<(&'c Candidate, Vec<f64>)> {
+/// Splits the starts into those worth a full fit whatever it costs, and the others: the best, and every lookalike of the
+/// best three at the same place or any. What has inner states promises much wherever windows are many and may be no
+/// effect ([`goes_on`]): the best of the others are fitted as well.
+fn split<'c>(ranked: Vec<Ranked<'c>>) -> (Vec<Ranked<'c>>, Vec<Ranked<'c>>) {
     let leaders: Vec<&Candidate> = ranked.iter().take(3).map(|r| r.0).collect();
     let wanted =
         |(i, (c, ..)): &(usize, &Ranked<'_>)| *i < FITTED || leaders.iter().any(|l| look_alike(l.effect, c.effect));
     let mut out: Vec<usize> = ranked.iter().enumerate().filter(wanted).take(FITTED + 5).map(|(i, _)| i).collect();
     let plain = ranked.iter().enumerate().filter(|(_, (c, ..))| !c.has_inner_states()).take(FITTED);
     out.extend(plain.map(|(i, _)| i));
-    out.sort_unstable();
-    out.dedup();
-    out.into_iter().map(|i| (ranked[i].0, ranked[i].1.clone())).collect()
+    let (first, rest): (Vec<_>, Vec<_>) = ranked.into_iter().enumerate().partition(|(i, _)| out.contains(i));
+    let bare = |all: Vec<(usize, Ranked<'c>)>| all.into_iter().map(|(_, r)| r).collect();
+    (bare(first), bare(rest))
 }
+
+/// Starts that are fitted at a time while the round may go on.
+const BATCH: usize = 8;
+/// Part of what is left of [`MOST_EFFORT`] that a round may spend on fits that one step does not recommend. One step says
+/// little where the law is bent: a bristle whose round promised a sixth of the leader's gain brought five times as much.
+const CURIOSITY: u64 = 5;
+/// Once an effect is found, the best promise that asks for that, in parts of what is worth it: little may be left.
+const CURIOUS: f64 = 2.0;
 
 /// All candidates of one round on top of `base`, best first by what they gain. `fitted`: the fit whose misfit is to be
 /// explained, `base` itself or a better one of the same rig.
@@ -148,7 +155,7 @@ pub fn round(
     // Nothing promises two fifths of what would count: a healthy machine is not worth a dozen fits. All samples would
     // promise as many times more as they are more.
     let most = ranked.first().map_or(0.0, |best| best.2 * context.samples as f64 / least.samples.max(1) as f64);
-    if most < 0.4 * worth(context, 1) {
+    if !context.is_trapped && most < 0.4 * worth(context, 1) {
         said(&format!("no candidate promises more than {most:.1}: too little"));
         return Vec::new();
     }
@@ -156,14 +163,23 @@ pub fn round(
     for (c, start, gain) in ranked.iter().take(8) {
         said(&format!("   {:20} {:12} promises {gain:9.1} from {start:.4?}", c.effect, c.at));
     }
-    let most = allowance(few);
-    let fitted = |(candidate, start): (&Candidate, Vec<f64>)| {
-        let (problem, point) = few.extended(with_effect(&few.rig, candidate, &start));
-        let hypothesis = within(most, base, problem, point, (&noise, COARSE), context)?;
-        Some(Trial { candidate: candidate.clone(), hypothesis, gain: 0.0 })
+    let allowed = allowance(few);
+    let fitted = |(candidate, start, _): &Ranked<'_>| {
+        let (problem, point) = few.extended(with_effect(&few.rig, candidate, start));
+        let hypothesis = within(allowed, base, problem, point, (&noise, COARSE), context)?;
+        Some(Trial { candidate: (*candidate).clone(), hypothesis, gain: 0.0 })
     };
-    let mut trials: Vec<Trial> = chosen(&ranked).into_par_iter().filter_map(fitted).collect();
+    let effort = || base.problem.effort.spent();
+    let is_curious = base.rig.effects.len() == context.given || most > CURIOUS * worth(context, 1);
+    let share = if is_curious { MOST_EFFORT.saturating_sub(effort()) / CURIOSITY } else { 0 };
+    let enough = effort() + share;
+    let (first, rest) = split(ranked);
+    let mut trials: Vec<Trial> = first.par_iter().filter_map(fitted).collect();
+    for batch in rest.chunks(BATCH).take_while(|_| effort() < enough) {
+        trials.par_extend(batch.par_iter().filter_map(fitted));
+    }
     rank(few, &mut trials, rule);
+    let mut trials = best_of_each(trials);
     trials = gone_on(base, thin.as_ref(), trials, &noise, context);
     said(&format!("fitted, effort {:.1} M", 1e-6 * base.problem.effort.spent() as f64));
     let all = trials.into_par_iter();
@@ -184,18 +200,12 @@ const LINEARISATIONS: u64 = 100;
 /// The same when the search has gone on for long.
 const LEAST_LINEARISATIONS: u64 = 40;
 
-/// A search should end within this effort: some 20 s on two cores. Counted effort gives the same answer on any computer.
-pub const MOST_EFFORT: u64 = 500_000_000;
 /// Part of what is left of [`MOST_EFFORT`] that one fit may take: of the dozens of a round, few need their allowance.
 const SHARE: u64 = 8;
 
 /// What a candidate's fit on the windows of `base` may cost.
 fn allowance(base: &Hypothesis) -> u64 {
-    let problem = base.problem.clone().with_allowance(u64::MAX);
-    // Only a run knows its steps. It carries two numbers for each coordinate, a linearisation its directions as well.
-    let directions = base.point.parameters.len() + base.point.states.first().map_or(0, Vec::len);
-    let ran = problem.residuals(&base.point).is_some();
-    let linearisation = u64::from(ran) * problem.effort.spent() * (directions as u64 + 2) / 2;
+    let linearisation = base.cost_of_linearisation();
     let share = MOST_EFFORT.saturating_sub(base.problem.effort.spent()) / SHARE;
     share.clamp(LEAST_LINEARISATIONS * linearisation, LINEARISATIONS * linearisation)
 }
@@ -315,13 +325,19 @@ fn rank(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
 pub fn merged(base: &Hypothesis, first: Vec<Trial>, second: Vec<Trial>, context: &Context) -> Vec<Trial> {
     let mut all = [first, second].concat();
     rank(base, &mut all, context);
+    let mut out = best_of_each(all);
+    polish(base, &mut out, context);
+    out
+}
+
+/// Of each candidate the first.
+fn best_of_each(all: Vec<Trial>) -> Vec<Trial> {
     let mut out: Vec<Trial> = Vec::with_capacity(all.len());
     for trial in all {
         if !out.iter().any(|t| t.candidate.is_same_as(&trial.candidate)) {
             out.push(trial);
         }
     }
-    polish(base, &mut out, context);
     out
 }
 

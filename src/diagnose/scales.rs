@@ -2,12 +2,82 @@
 //!
 //! RT: no.
 
-use crate::diagnose::candidates::{ActuatorScale, JointScale, Scales, SensorScale};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::tangent::Tangent;
 use crate::identify::rollout::Pooled;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{MechanismKind, Setup};
+
+/// How large things are on one joint over the fit recordings.
+#[derive(Clone, Debug)]
+pub struct JointScale {
+    /// Coordinate.
+    pub name: String,
+    /// Largest applied torque, Nm or N.
+    pub torque: f64,
+    /// Root mean square of the rate, rad/s or m/s.
+    pub rate: f64,
+    /// Half of the travel, rad or m.
+    pub travel: f64,
+    /// Half of the travel within a window, the longest but a tenth of them.
+    pub stroke: f64,
+    /// Inertia seen at the joint, kg m² or kg.
+    pub inertia: f64,
+    /// Coulomb friction of the base, Nm or N.
+    pub coulomb: f64,
+    /// True if an actuator acts on it.
+    pub driven: bool,
+    /// True if it turns (torque ripple then repeats per turn).
+    pub turns: bool,
+    /// True if something stands still at its other side, in one recording at least: a bearing, a motor. A leg of a robot
+    /// that only walks turns about nothing that could rub.
+    pub borne: bool,
+}
+
+/// How large things are on one actuator.
+#[derive(Clone, Debug)]
+pub struct ActuatorScale {
+    /// Column.
+    pub column: String,
+    /// Largest absolute torque or force that it applied.
+    pub peak: f64,
+}
+
+/// How large things are on one sensor.
+#[derive(Clone, Debug)]
+pub struct SensorScale {
+    /// Column.
+    pub column: String,
+    /// Coordinate that it reads.
+    pub joint: String,
+    /// Standard deviation of the reading.
+    pub spread: f64,
+    /// True if it reads a rate.
+    pub of_rate: bool,
+}
+
+/// Everything that sets the scale of the candidates of one case.
+#[derive(Clone, Debug)]
+pub struct Scales {
+    /// Coordinates.
+    pub joints: Vec<JointScale>,
+    /// Actuators.
+    pub actuators: Vec<ActuatorScale>,
+    /// Sensors.
+    pub sensors: Vec<SensorScale>,
+    /// Sampling interval, s.
+    pub step_s: f64,
+    /// Longest fit recording, s.
+    pub duration_s: f64,
+    /// Longest window, s.
+    pub window_s: f64,
+    /// Leg length if there is a ground, m.
+    pub leg_m: Option<f64>,
+    /// Weight carried by the ground, N.
+    pub weight_n: f64,
+    /// True if a recording walks (impacts).
+    pub walks: bool,
+}
 
 /// Scales of a hypothesis and its tangent.
 #[must_use]

@@ -20,6 +20,10 @@ const APART: f64 = 2.0;
 /// A model form is never exact: an alternative within this part of the winner's gain is no worse than the forms are.
 const FORM: f64 = 0.012;
 
+/// Most of that, in twice the log-likelihood: where the winner leaves nothing but noise its form is exact, and one that is
+/// five standard deviations behind (25, and some rounding) is not.
+const SEEN: f64 = 30.0;
+
 /// The same where the winner leaves more than noise: then its own form is seen to be inexact.
 const FORM_OF_MISFIT: f64 = 0.1;
 
@@ -82,8 +86,9 @@ fn wrapped(phase: f64) -> f64 {
 /// A trial that the data cannot tell from the winner, with its weight against it.
 fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), context: &Context) -> Option<(Member, f64)> {
     let d = compare(winner, &trial.hypothesis, context);
-    let form = if is_misfit(&winner.residuals, &context.floors) { FORM_OF_MISFIT } else { FORM };
-    let inseparable = d.total < APART * d.std || d.total < form * gain;
+    let form =
+        if is_misfit(&winner.residuals, &context.floors) { FORM_OF_MISFIT * gain } else { (FORM * gain).min(SEEN) };
+    let inseparable = d.total < APART * d.std || d.total < form;
     // A trial of an earlier round has fewer effects than the winner: it says nothing in this company.
     // One number more and no better: the simpler one says the same.
     let simple = trial.candidate.keys.len() <= winner.rig.effects[place].kind.keys().len();
@@ -116,11 +121,11 @@ fn twins(of: &Member) -> Vec<Member> {
 
 /// What was fitted and is not the answer, with the number that says so.
 #[must_use]
-pub fn rejected(added: &[Added], last: &[Trial], context: &Context) -> Vec<Rejected> {
+pub fn rejected(missing: &[Missing], added: &[Added], last: &[Trial], context: &Context) -> Vec<Rejected> {
     let mut out: Vec<Rejected> = Vec::new();
     let mut push = |trial: &Trial, why: String| {
-        let taken =
-            added.iter().any(|a| a.candidate.effect == trial.candidate.effect && a.candidate.at == trial.candidate.at);
+        let named = missing.iter().flat_map(|m| &m.one_of);
+        let taken = named.into_iter().any(|m| m.effect == trial.candidate.effect && m.at == trial.candidate.at);
         let listed = out.iter().any(|r| r.effect == trial.candidate.effect && r.at == trial.candidate.at);
         if !taken && !listed {
             out.push(Rejected { effect: trial.candidate.effect.into(), at: trial.candidate.at.clone(), why });

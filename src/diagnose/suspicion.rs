@@ -11,7 +11,7 @@ use crate::identify::noise::{Colour, median_abs};
 use crate::identify::problem::Problem;
 use crate::identify::theta::Theta;
 use crate::model::rig::Rig;
-use crate::report::findings::Estimate;
+use crate::report::findings::{Estimate, Figure};
 use crate::report::table::number;
 
 /// Warnings that go with a base fit: what, where, remedy.
@@ -74,8 +74,8 @@ pub fn at_bounds(of: &Hypothesis, given: &Rig) -> Vec<String> {
         let width = bounds.max - bounds.min;
         let near = |bound: f64| bound.abs() > 0.0 && (fitted.value - bound).abs() <= 1e-6 * width;
         let (side, bound) = [("lower", bounds.min), ("upper", bounds.max)].into_iter().find(|(_, b)| near(*b))?;
-        // What the data do not see stays where it was.
-        (fitted.std < 0.3 * width).then(|| {
+        // What the data do not see stays where it was, and has the deviation of anything between the bounds: .29 widths.
+        (fitted.std < 0.25 * width).then(|| {
             format!(
                 "{name} is at its {side} bound {}: the recordings want it beyond; widen the bound in rig.toml if the \
                  machine allows it, else the model or a unit is wrong",
@@ -84,6 +84,31 @@ pub fn at_bounds(of: &Hypothesis, given: &Rig) -> Vec<String> {
         })
     };
     estimates(of).into_iter().filter_map(line).collect()
+}
+
+/// A held-out recording that is explained so many times worse than all that were fitted contradicts the answer, where its
+/// error is this part of its spread.
+const WORSE: f64 = 5.0;
+const NOTABLE: f64 = 0.1;
+
+/// Says so of each held-out channel that the answer does not explain, though it explains what was fitted.
+#[must_use]
+pub fn contradicted(fit: &[Figure]) -> Vec<String> {
+    let worst_fitted = |channel: &str| {
+        let fitted = fit.iter().filter(|l| l.use_ == "fit" && l.channel == channel);
+        fitted.map(|l| l.nrmse_explained).fold(0.0, f64::max)
+    };
+    let line = |l: &Figure| {
+        let fitted = worst_fitted(&l.channel);
+        (l.use_ == "heldout" && l.nrmse_explained > NOTABLE.max(WORSE * fitted) && fitted > 0.0).then(|| {
+            format!(
+                "{} (held out) contradicts this: {} is off by {:.2} of its spread there, by {:.3} at most where it was fitted; \
+                 what is missing shows only there: mark it use = \"fit\" and hold another recording out",
+                l.recording, l.channel, l.nrmse_explained, fitted
+            )
+        })
+    };
+    fit.iter().filter_map(line).collect()
 }
 
 /// Residuals that fall by this factor when each recording is fitted alone ask whether all are of one machine.
@@ -226,5 +251,21 @@ mod tests {
         let recordings = (0..2).map(|i| recorded(&truth, &model, i, &[2.4, 1.0])).collect();
         let said = identify(&Experiment { rig: model, recordings }).unwrap().found.warnings.join("\n");
         assert!(said.contains("a.csv: unstable or chaotic") && said.contains("`window_s = "), "{said}");
+    }
+
+    #[test]
+    fn a_held_out_recording_far_worse_than_the_fitted_ones_is_a_contradiction() {
+        let line = |use_: &str, error: f64| crate::report::findings::Figure {
+            recording: "c.csv".into(),
+            use_: use_.into(),
+            channel: "q1_rad".into(),
+            nrmse_given: 1.0,
+            nrmse_refitted: 1.0,
+            nrmse_explained: error,
+        };
+        let said = super::contradicted(&[line("fit", 0.008), line("fit", 0.02), line("heldout", 1.8)]);
+        assert!(said.len() == 1 && said[0].contains("q1_rad is off by 1.80"), "{said:?}");
+        assert!(super::contradicted(&[line("fit", 0.3), line("heldout", 0.6)]).is_empty());
+        assert!(super::contradicted(&[line("fit", 0.001), line("heldout", 0.05)]).is_empty());
     }
 }

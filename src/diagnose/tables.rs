@@ -19,11 +19,37 @@ fn scaled(of: &Hypothesis) -> Vec<Scaled> {
     (0..values.len()).map(one).collect()
 }
 
+/// Standard deviations of all free numbers, in the coordinates of the fit.
+///
+/// That a number lies within its bounds is known beforehand (as a uniform density: variance of width² / 12). And a number
+/// that the data hold at a bound is no freedom of the others: with it they would seem unknown where they are not.
+fn spreads(of: &Hypothesis) -> Vec<f64> {
+    let (bounds, scales) = (of.problem.bounds(), scaled(of));
+    let mut known = of.information.clone();
+    for (i, b) in bounds.iter().enumerate() {
+        known[(i, i)] += 12.0 / (b.max - b.min).powi(2);
+    }
+    let mut out = deviations(&known, &scales);
+    let at = |i: usize| {
+        let (b, x) = (&bounds[i], of.point.parameters[i]);
+        let near = |bound: f64| bound != 0.0 && (x - bound).abs() <= 1e-6 * (b.max - b.min);
+        near(b.min) || near(b.max)
+    };
+    let free: Vec<usize> = (0..bounds.len()).filter(|i| !at(*i)).collect();
+    if !free.is_empty() && free.len() < bounds.len() {
+        let part: Vec<Scaled> = free.iter().map(|i| scales[*i].clone()).collect();
+        for (i, std) in free.iter().zip(deviations(&known.select_rows(&free).select_columns(&free), &part)) {
+            out[*i] = std;
+        }
+    }
+    out
+}
+
 /// Value and standard deviation of every free number, by name.
 #[must_use]
 pub fn estimates(of: &Hypothesis) -> Vec<(String, Estimate)> {
     let values = of.problem.values(&of.point.parameters);
-    let spread = deviations(&of.information, &scaled(of));
+    let spread = spreads(of);
     let one = |(i, (value, std)): (usize, (&f64, &f64))| {
         // A logarithm's deviation is relative.
         let std = if of.problem.logarithmic[i] { std * value } else { *std };
@@ -71,17 +97,16 @@ pub fn ranking(base: &Hypothesis, added: &[Added], last: &[Trial], context: &Con
     if let Some(first) = added.first() {
         out.push(Ranked {
             effect: first.candidate.effect.into(),
-            at: first.candidate.at.clone(),
+            at: first.candidate.place(),
             explained: first.removed,
             gain: first.gain,
             chosen: true,
         });
     }
-    let chosen =
-        |t: &Trial| added.iter().any(|a| a.candidate.effect == t.candidate.effect && a.candidate.at == t.candidate.at);
+    let chosen = |t: &Trial| added.iter().any(|a| a.candidate.is_same_as(&t.candidate));
     out.extend(trials.iter().take(11).map(|t| Ranked {
         effect: t.candidate.effect.into(),
-        at: t.candidate.at.clone(),
+        at: t.candidate.place(),
         explained: removed(base, &t.hypothesis, context),
         gain: t.gain,
         chosen: chosen(t),
@@ -98,5 +123,39 @@ pub fn headline(diagnosis: &Diagnosis) -> String {
             "With its parameters fitted again the simulation explains the recordings to within their noise. No physics is missing.".into()
         }
         _ => diagnosis.missing.iter().map(|m| m.sentence.as_str()).collect::<Vec<_>>().join(" "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::fit::Point;
+    use crate::identify::problem::Problem;
+    use nalgebra::dmatrix;
+
+    const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\n\
+        inertia_kg_m2 = { value = 0.01, min = 0.008, max = 0.012 }\ngravity_nm = 0.4\n\
+        [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = { value = 0.3, min = 0.0, max = 10.0 }\n\
+        [[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n";
+
+    /// Deviations with an inertia and a gain of which the data know the ratio alone, to a thousandth.
+    fn deviations_at(inertia: f64) -> [f64; 2] {
+        let problem = Problem::shaken(RIG, None, vec![0.0; 200]);
+        let states = problem.start().states;
+        // Of gain / 0.3 - inertia / 0.01.
+        let information = dmatrix![1e10, -1e10 / 30.0; -1e10 / 30.0, 1e10 / 900.0];
+        let of =
+            Hypothesis::at(problem, Point { parameters: vec![inertia, 0.3], states }, information, &[1e-3]).unwrap();
+        let known = estimates(&of);
+        [known[0].1.std, known[1].1.std]
+    }
+
+    #[test]
+    fn what_is_known_beforehand_limits_an_interval_and_a_number_at_its_bound_widens_none() {
+        let flat = 0.004 / libm::sqrt(12.0);
+        let [inertia, gain] = deviations_at(0.01);
+        assert!((inertia / flat - 1.0).abs() < 0.01 && (gain / (30.0 * flat) - 1.0).abs() < 0.01, "{inertia} {gain}");
+        let [inertia, gain] = deviations_at(0.012);
+        assert!((inertia / flat - 1.0).abs() < 0.01 && (gain / 3e-4 - 1.0).abs() < 0.01, "{inertia} {gain}");
     }
 }

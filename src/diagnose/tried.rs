@@ -9,6 +9,9 @@ use crate::identify::fit::Limits;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Rig, Side, Value};
 
+/// A search should end within this effort: some 20 s on two cores. Counted effort gives the same answer on any computer.
+pub const MOST_EFFORT: u64 = 500_000_000;
+
 /// What every round needs.
 #[derive(Clone, Debug)]
 pub struct Context {
@@ -16,6 +19,10 @@ pub struct Context {
     pub floors: Vec<f64>,
     /// Samples that carry weight.
     pub samples: usize,
+    /// Effects of the rig as given.
+    pub given: usize,
+    /// The base stands at bounds: one step then promises nothing, whatever is missing.
+    pub is_trapped: bool,
     /// Seed of the bootstraps.
     pub seed: u64,
 }

@@ -67,7 +67,7 @@ pub fn unexplained(
     said(&format!(
         "  ... listed effects gain {listed:.0} in the same measure, they remove {removed:.2} of the squares"
     ));
-    if patches(found, base) >= PATCHES && excess_base > bar.max(0.8 * listed) {
+    if patches(found, base) >= PATCHES && excess_base > bar.max(0.7 * listed) {
         return Some((on_base, true));
     }
     if found.rig.effects.len() == base.rig.effects.len() {

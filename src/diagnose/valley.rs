@@ -9,7 +9,7 @@
 
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::squares;
-use crate::diagnose::tried::Context;
+use crate::diagnose::tried::{Context, MOST_EFFORT};
 use crate::identify::fit::{Bound, FreeRuns, Limits, Point, cost, fit, present};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
@@ -30,6 +30,9 @@ const LOOK: Limits = Limits { iterations: 4, tolerance: 1e-4 };
 const ROUNDS: usize = 4;
 const FALLS: f64 = 0.005;
 
+/// Effort for valleys when a search has used up all of its own.
+const FOR_VALLEYS: u64 = 100_000_000;
+
 /// The fit from the best place found.
 const LAST: Limits = Limits { iterations: 10, tolerance: 1e-6 };
 
@@ -43,10 +46,22 @@ pub fn wandered(now: &Hypothesis, context: &Context) -> Option<Hypothesis> {
     }
     let first = cost(&now.problem, &now.point, &noise);
     let (mut best, mut least) = (now.point.clone(), first);
+    let linearisation = now.cost_of_linearisation();
+    // What a part of the way would cost, by the linearisations in it; what is left for all.
+    let in_time = |linearisations: usize| {
+        now.problem.effort.spent() + linearisation * linearisations as u64 <= MOST_EFFORT + FOR_VALLEYS
+    };
     for _ in 0..ROUNDS {
         let falls = |(cost, _): &(f64, Point)| *cost <= (1.0 - FALLS) * least;
+        if !in_time(TAKEN_UP * LOOK.iterations) {
+            break;
+        }
         let afar = from_afar(&now.problem, &best, (least, size), &noise).filter(falls);
-        let Some((found, point)) = afar.or_else(|| from_held(&now.problem, &best, &noise).filter(falls)) else { break };
+        let held = || {
+            let fits = HELD.len() * now.point.parameters.len();
+            in_time(2 * fits * LOOK.iterations).then(|| from_held(&now.problem, &best, &noise).filter(falls))?
+        };
+        let Some((found, point)) = afar.or_else(held) else { break };
         (least, best) = (found, point);
     }
     if least >= first {
@@ -167,7 +182,7 @@ mod tests {
         let blank = Recording::new("free.csv", times, Vec::new(), vec![vec![0.0; 1500]]);
         let measured = record(&leg(0.0012, 0.0061), &blank, &[0.9, 0.0], Some(3)).unwrap().measured;
         let recording = Recording { measured, ..blank };
-        let context = Context { floors: vec![0.002], samples: 1500, seed: 1 };
+        let context = Context { floors: vec![0.002], samples: 1500, given: 1, is_trapped: false, seed: 1 };
         let mut stuck = 0;
         for (viscous, coulomb) in [(0.0021, 0.0040), (0.0004, 0.0090), (0.0030, 0.0020)] {
             let problem = Problem::new(leg(viscous, coulomb), vec![recording.clone()]);

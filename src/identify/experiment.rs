@@ -82,7 +82,7 @@ pub struct Experiment {
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
     /// A file cannot be opened.
-    #[error("{}: cannot be read; recordings stand beside rig.toml under the name that it gives them", path.display())]
+    #[error("{}: cannot be read; a case is a folder with rig.toml and, beside it, the recordings that it names", path.display())]
     File {
         /// Which.
         path: PathBuf,

@@ -76,12 +76,17 @@ fn lookalikes(lab: &Lab, truth: &Effect) -> Vec<Effect> {
         "sensor_drift" if lab.rig.joints.len() == 1 && !walks => {
             vec![("torque_offset", 0, lab.rig.joints[0].0.to_owned())]
         }
+        "encoder_eccentricity" => here("sensor_bias"),
+        "sensor_bias" if lab.rig.joints.len() == 1 && !walks => {
+            [here("encoder_eccentricity"), vec![("torque_offset", 0, lab.rig.joints[0].0.to_owned())]].concat()
+        }
         "backlash" => here("joint_elasticity"),
         "link_flexibility" if lab.rig.kind != Kind::Biped => here("joint_elasticity"),
         "joint_elasticity" if lab.rig.kind != Kind::Biped => here("link_flexibility"),
         "counterweight" if walks => on_ground("round_foot"),
         "round_foot" => on_ground("counterweight"),
-        "sensor_bias" if walks => on_ground("ground_slope"),
+        "sensor_bias" if walks => [here("encoder_eccentricity"), on_ground("ground_slope")].concat(),
+        "sensor_bias" => here("encoder_eccentricity"),
         "ground_slope" => reading("sensor_bias"),
         "counterweight" => vec![("parallel_spring", lab.rig.stance(), ["inner", "outer"][lab.rig.stance()].to_owned())],
         _ => Vec::new(),
