@@ -82,6 +82,22 @@ pub fn dot<S: Scalar, const N: usize>(a: &[S; N], b: &[S; N]) -> S {
     sum
 }
 
+/// Scalar product of long rows of numbers, the shorter one's length.
+#[must_use]
+pub fn inner_product(a: &[f64], b: &[f64]) -> f64 {
+    // Eight sums in flight: several times faster than one, and the order is fixed.
+    let mut s = [0.0; 8];
+    let (eights_a, eights_b) = (a.chunks_exact(8), b.chunks_exact(8));
+    let from = a.len().min(b.len()) / 8 * 8;
+    let rest: f64 = a[from..].iter().zip(&b[from..]).map(|(x, y)| x * y).sum();
+    for (x, y) in eights_a.zip(eights_b) {
+        for i in 0..8 {
+            s[i] += x[i] * y[i];
+        }
+    }
+    ((s[0] + s[4]) + (s[1] + s[5])) + ((s[2] + s[6]) + (s[3] + s[7])) + rest
+}
+
 /// `x + h y`, element by element.
 #[inline]
 #[must_use]

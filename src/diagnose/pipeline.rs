@@ -17,7 +17,7 @@ use crate::diagnose::scales::scales;
 use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
 use crate::diagnose::sets::{answered, rejected};
-use crate::diagnose::suspicion::{at_bounds, contradicted, suspicions};
+use crate::diagnose::suspicion::{at_bounds, contradicted, no_common_machine, suspicions, unfollowed};
 use crate::diagnose::tables::{estimates, headline, parameter_lines, ranking, undetermined_combinations};
 use crate::diagnose::tried::{Added, Context, Trial, compare, removed, worth};
 use crate::diagnose::unlisted::{Unlisted, unexplained};
@@ -29,6 +29,7 @@ use crate::identify::floor::complaints;
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use crate::identify::rollout::{Pooled, RolloutError, free_run};
+use crate::identify::units::wrong_units;
 use crate::model::rig::{Rig, Use};
 use std::sync::Arc;
 use std::time::Instant;
@@ -42,6 +43,9 @@ pub enum DiagnoseError {
     /// No channel moves.
     #[error("no column of the fit recordings carries a signal: nothing can be told; record motion\n{0}")]
     NoSignal(String),
+    /// Columns in the wrong unit.
+    #[error("{}", .0.join("\n"))]
+    Units(Vec<String>),
     /// The machine does not run.
     #[error(transparent)]
     Run(#[from] RolloutError),
@@ -113,13 +117,22 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
     let rest = rest.map(|(unlisted, _)| unlisted);
+    let (found, added, rest) = match no_common_machine(&base, &found, &context.floors) {
+        Some(unlisted) => (base.clone(), Vec::new(), Some(unlisted)),
+        None => {
+            let rest = rest.or_else(|| if added.is_empty() { unfollowed(&base, &context.floors) } else { None });
+            (found, added, rest)
+        }
+    };
     let (base, found) = (base.with_intervals(), found.with_intervals());
     let answer = Found { given, base, found, added, rest, refit_needed };
     let mut warnings = warnings(experiment, &dropped);
     let rest_matters = removed(&answer.base, &answer.found, &context) < NEARLY_ALL;
     warnings.extend((cut_short && rest_matters).then(|| CUT_SHORT.to_owned()));
     let explained = answer.explained();
-    warnings.extend(suspicions(explained, &context.floors));
+    let said_already =
+        |w: &String| answer.rest.as_ref().is_some_and(|u| u.entry.sentence.to_lowercase().contains(&w.to_lowercase()));
+    warnings.extend(suspicions(explained, &context.floors).into_iter().filter(|w| !said_already(w)));
     warnings.extend(at_bounds(explained, &experiment.rig));
     warnings.extend(complaints(&explained.problem, &explained.point, &explained.noise));
     said("proof");
@@ -168,6 +181,10 @@ pub(super) fn ready(experiment: &Experiment) -> Result<(Vec<Recording>, Pooled, 
     }
     let pooled = Pooled::of(&experiment.rig, experiment.of_use(Use::Fit));
     let floors = floors(&experiment.rig, &pooled, &recordings);
+    let wrong: Vec<String> = experiment.recordings.iter().flat_map(|r| wrong_units(&experiment.rig, r)).collect();
+    if !wrong.is_empty() {
+        return Err(DiagnoseError::Units(wrong));
+    }
     if floors.iter().any(|floor| floor.is_finite()) {
         return Ok((recordings, pooled, floors));
     }

@@ -6,6 +6,7 @@
 //! overlay by a wrong base cannot hide it nor can it claim what the base explains.
 //! RT: no.
 
+use crate::base::linalg::inner_product;
 use crate::identify::fit::{FreeRuns, Point, Series, present};
 use crate::identify::noise::{Colour, weight};
 use nalgebra::{DMatrix, DVector};
@@ -86,10 +87,6 @@ impl Channel {
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
-}
-
 impl Window {
     fn new(
         channels: Vec<Series>,
@@ -99,10 +96,18 @@ impl Window {
     ) -> (Self, DMatrix<f64>, DVector<f64>) {
         let channels: Vec<Channel> = channels.into_iter().zip(noise).map(|(s, c)| Channel::new(s, c)).collect();
         let entry = |a: usize, b: usize| {
-            channels.iter().filter(|c| !c.rows.is_empty()).map(|c| dot(&c.slopes[a], &c.slopes[b])).sum::<f64>()
+            channels
+                .iter()
+                .filter(|c| !c.rows.is_empty())
+                .map(|c| inner_product(&c.slopes[a], &c.slopes[b]))
+                .sum::<f64>()
         };
         let slope = |a: usize| {
-            channels.iter().filter(|c| !c.rows.is_empty()).map(|c| dot(&c.slopes[a], &c.residual)).sum::<f64>()
+            channels
+                .iter()
+                .filter(|c| !c.rows.is_empty())
+                .map(|c| inner_product(&c.slopes[a], &c.residual))
+                .sum::<f64>()
         };
         let px = DMatrix::from_fn(shared, states, |a, b| entry(a, shared + b));
         let mut xx = DMatrix::from_fn(states, states, |a, b| entry(shared + a, shared + b));
@@ -172,8 +177,10 @@ impl Screen {
     fn projected(&self, columns: &[Column], own: &[Own]) -> Projected {
         let mut sums = Sums::new(columns.len(), self.shared);
         let none = Own::new();
-        for (w, window) in self.windows.iter().enumerate() {
-            self.add_window(window, w, columns, own.get(w).unwrap_or(&none), &mut sums);
+        let one = |w: usize| self.projected_window(w, columns, own.get(w).unwrap_or(&none));
+        let parts: Vec<_> = (0..self.windows.len()).into_par_iter().filter_map(one).collect();
+        for part in &parts {
+            sums.add(part);
         }
         let Sums { cc, cp, gc, full, less_pp, less_gp, mut apart } = sums;
         let (inverse, gradient) = if own.is_empty() {
@@ -194,35 +201,35 @@ impl Screen {
         Projected { inverse: pseudo_inverse(&normal, 1e-9), normal, gradient, apart }
     }
 
-    /// Adds what window number `w` says about `columns`, its initial state and `own` responses projected out.
-    fn add_window(&self, window: &Window, w: usize, columns: &[Column], own: &Own, sums: &mut Sums) {
+    /// What window number `w` says about `columns`, its initial state and `own` responses projected out; nothing if none of
+    /// them lives there.
+    fn projected_window(&self, w: usize, columns: &[Column], own: &Own) -> Option<Part> {
+        let window = &self.windows[w];
         let active: Vec<usize> = (0..columns.len()).filter(|i| !columns[*i][w].is_empty()).collect();
         let responses: Vec<&Vec<Vec<f64>>> = active.iter().map(|i| &columns[*i][w]).chain(own).collect();
         if responses.is_empty() {
-            return;
+            return None;
         }
         let Seen { mut rr, mut rp, rx, mut gr } = self.seen(window, &responses);
         let reach = &rx * &window.xx_inverse;
         rr -= &reach * rx.transpose();
         rp -= &reach * window.px.transpose();
         gr -= &reach * &window.gx;
-        for (a, i) in active.iter().enumerate() {
-            sums.full[*i] += rr[(a, a)];
-        }
         let count = active.len();
+        let full = (0..count).map(|a| rr[(a, a)]).collect();
+        let mut less = None;
         if !own.is_empty() {
             let inverse = own_inverse(rr.view((count, count), (own.len(), own.len())).into_owned());
             let (op, go) = (rp.rows(count, own.len()).into_owned(), gr.rows(count, own.len()).into_owned());
             let reach = rr.view((0, count), (count, own.len())) * &inverse;
-            sums.less_pp += op.transpose() * &inverse * &op;
-            sums.less_gp += op.transpose() * &inverse * &go;
-            sums.apart += go.dot(&(&inverse * &go));
-            let less = &reach * rr.view((count, 0), (own.len(), count));
-            rr.view_mut((0, 0), (count, count)).add_assign(-less);
+            let pp = op.transpose() * &inverse * &op;
+            less = Some(Less { pp, gp: op.transpose() * &inverse * &go, apart: go.dot(&(&inverse * &go)) });
+            let lost = &reach * rr.view((count, 0), (own.len(), count));
+            rr.view_mut((0, 0), (count, count)).add_assign(-lost);
             rp.rows_mut(0, count).add_assign(-(&reach * &op));
             gr.rows_mut(0, count).add_assign(-(&reach * &go));
         }
-        sums.add(&active, &rr, &rp, &gr);
+        Some(Part { active, rr, rp, gr, full, less })
     }
 
     /// Products of whitened `responses` of a window with one another, with its sensitivities and with its residual.
@@ -233,15 +240,15 @@ impl Screen {
         for (c, channel) in window.channels.iter().enumerate().filter(|(_, c)| !c.rows.is_empty()) {
             let white: Vec<Vec<f64>> = responses.iter().map(|r| channel.whiten(&self.noise[c], &r[c])).collect();
             for (a, one) in white.iter().enumerate() {
-                gr[a] += dot(one, &channel.residual);
+                gr[a] += inner_product(one, &channel.residual);
                 for p in 0..self.shared {
-                    rp[(a, p)] += dot(one, &channel.slopes[p]);
+                    rp[(a, p)] += inner_product(one, &channel.slopes[p]);
                 }
                 for x in 0..states {
-                    rx[(a, x)] += dot(one, &channel.slopes[self.shared + x]);
+                    rx[(a, x)] += inner_product(one, &channel.slopes[self.shared + x]);
                 }
                 for (b, other) in white.iter().enumerate().take(a + 1) {
-                    let product = dot(one, other);
+                    let product = inner_product(one, other);
                     rr[(a, b)] += product;
                     if a != b {
                         rr[(b, a)] += product;
@@ -288,17 +295,42 @@ impl Sums {
         }
     }
 
-    fn add(&mut self, active: &[usize], rr: &DMatrix<f64>, rp: &DMatrix<f64>, gr: &DVector<f64>) {
-        for (a, i) in active.iter().enumerate() {
-            self.gc[*i] += gr[a];
-            for p in 0..rp.ncols() {
-                self.cp[(*i, p)] += rp[(a, p)];
+    fn add(&mut self, part: &Part) {
+        for (a, i) in part.active.iter().enumerate() {
+            self.full[*i] += part.full[a];
+            self.gc[*i] += part.gr[a];
+            for p in 0..part.rp.ncols() {
+                self.cp[(*i, p)] += part.rp[(a, p)];
             }
-            for (b, j) in active.iter().enumerate() {
-                self.cc[(*i, *j)] += rr[(a, b)];
+            for (b, j) in part.active.iter().enumerate() {
+                self.cc[(*i, *j)] += part.rr[(a, b)];
             }
         }
+        if let Some(less) = &part.less {
+            self.less_pp += &less.pp;
+            self.less_gp += &less.gp;
+            self.apart += less.apart;
+        }
     }
+}
+
+/// Products of the columns that live in one window, everything of that window projected out.
+struct Part {
+    /// Which columns.
+    active: Vec<usize>,
+    rr: DMatrix<f64>,
+    rp: DMatrix<f64>,
+    gr: DVector<f64>,
+    /// Squares of each, only the initial state projected out.
+    full: Vec<f64>,
+    less: Option<Less>,
+}
+
+/// What a window's own responses take from the equations of the shared parameters, and their fall of the sum of squares.
+struct Less {
+    pp: DMatrix<f64>,
+    gp: DVector<f64>,
+    apart: f64,
 }
 
 /// Inverse of the normal matrix of a window's own responses; what its initial state mimics stays out.

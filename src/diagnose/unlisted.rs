@@ -30,6 +30,19 @@ pub struct Unlisted {
     pub over_time: bool,
 }
 
+impl Unlisted {
+    /// A mismatch of which no more is known than `sentence` says.
+    #[must_use]
+    pub fn at(at: &str, sentence: String) -> Self {
+        Self { entry: nameless(at, sentence), laws: Vec::new(), places: Vec::new(), over_time: false }
+    }
+}
+
+fn nameless(at: &str, sentence: String) -> Missing {
+    let member = Member { effect: "unlisted".into(), at: at.into(), weight: 1.0, parameters: BTreeMap::new() };
+    Missing { one_of: vec![member], sentence }
+}
+
 /// One way in which a free force could go with something.
 struct Pattern {
     joint: usize,
@@ -142,10 +155,7 @@ fn structure(of: &Hypothesis, with_time: bool, said: &mut impl FnMut(&str)) -> O
     said(&format!("free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
     let at = of.rig.mechanism.coordinates()[best.joint];
     let sentence = sentence::unlisted(at, &best.over, share(of, best));
-    let entry = Missing {
-        one_of: vec![Member { effect: "unlisted".into(), at: at.into(), weight: 1.0, parameters: BTreeMap::new() }],
-        sentence,
-    };
+    let entry = nameless(at, sentence);
     let mut laws: Vec<Law> = Vec::new();
     for law in patterns.iter().filter_map(|p| p.curve.as_ref()).map(|c| law(of, c)) {
         if laws.len() < SHOWN && laws.iter().all(|l| l.title != law.title) {

@@ -192,8 +192,20 @@ impl Recording {
             stance: stance.iter().map(|x| u8::from(*x > 0.5)).collect(),
             warnings: Vec::new(),
         };
+        if let Some(line) = recording.short_windows(table).filter(|_| !rig.sensors.is_empty()) {
+            return Err(vec![line]);
+        }
         recording.warnings = warn::warnings(rig, &recording);
         Ok(recording)
+    }
+
+    /// What to say of windows that usually hold too few rows for their initial state to be told from the motion.
+    fn short_windows(&self, table: &Table) -> Option<String> {
+        let window_s = self.window_s?;
+        let mut rows: Vec<usize> = self.windows().iter().map(Range::len).collect();
+        rows.sort_unstable();
+        let usual = rows[rows.len() / 2];
+        (usual < FEWEST_ROWS).then(|| table.short_windows(window_s, usual, FEWEST_ROWS))
     }
 
     /// How many rows.

@@ -1,7 +1,8 @@
 //! L6: system identification by simulation error: rigs, recordings, free runs with sensitivities, fits.
 //!
 //! [`experiment`] reads a case, [`theta`] lists what is uncertain, [`rollout`] runs free and differentiates, [`fit`]
-//! fits, [`covariance`] says how sure the numbers are, [`identifiability`] what the data determines.
+//! fits, [`covariance`] says how sure the numbers are, [`identifiability`] what the data determines; [`units`] refuses
+//! readings in degrees.
 //! RT: no.
 
 #[cfg(test)]
@@ -20,3 +21,4 @@ pub mod thesis;
 pub mod theta;
 #[cfg(test)]
 pub(crate) mod true_case;
+pub mod units;

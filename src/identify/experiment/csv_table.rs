@@ -169,6 +169,15 @@ impl Table {
         format!("{}: has {} rows, at least {least} are needed: record some seconds", self.file, self.len())
     }
 
+    /// The complaint about windows of too few rows.
+    pub(super) fn short_windows(&self, window_s: f64, rows: usize, least: usize) -> String {
+        format!(
+            "{}: column `t_s`: a window of `window_s = {window_s}` holds {rows} rows, at least {least} are needed: lengthen it \
+             in rig.toml; if the times are milliseconds, divide them by 1000",
+            self.file
+        )
+    }
+
     /// Complaints about instants that do not increase.
     pub(super) fn check_time(&self, times: &[f64]) -> Vec<String> {
         let mut wrong = Vec::new();

@@ -25,8 +25,12 @@ fn text(header: &str, rows: &[[String; 3]]) -> String {
 }
 
 fn load(csv: &str) -> Result<Experiment, ExperimentError> {
+    load_with(RIG, csv)
+}
+
+fn load_with(rig: &str, csv: &str) -> Result<Experiment, ExperimentError> {
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("rig.toml"), RIG).unwrap();
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
     fs::write(folder.path().join("a.csv"), csv).unwrap();
     Experiment::load(folder.path())
 }
@@ -108,4 +112,19 @@ fn columns_that_nobody_asked_for_are_left_alone() {
     let plain = load(&edited(|_| {})).unwrap();
     assert_eq!(load(&csv).unwrap(), plain);
     assert!(plain.recordings[0].warnings.is_empty(), "{:?}", plain.recordings[0].warnings);
+}
+
+#[test]
+fn windows_that_hold_a_row_or_two_are_refused_with_the_likely_reason() {
+    let windowed = format!("{RIG}window_s = 1.0\n");
+    let milliseconds = edited(|rows| {
+        for row in rows {
+            row[0] = format!("{:.0}", row[0].parse::<f64>().unwrap() * 1000.0);
+        }
+    });
+    let message = load_with(&windowed, &milliseconds).expect_err("milliseconds").to_string();
+    for part in ["a.csv", "`t_s`", "`window_s = 1`", "milliseconds, divide them by 1000"] {
+        assert!(message.contains(part), "`{part}` is not in `{message}`");
+    }
+    assert!(load_with(&windowed, &edited(|_| {})).is_ok());
 }
