@@ -31,7 +31,7 @@ pub fn is_worth(base: &Hypothesis, trial: &Trial, explained_before: f64, context
     let noticed = !misfit || trial.gain > 0.1 * context.samples as f64;
     let admitted = noticed && !is_piece(base, trial, context);
     trial.gain > worth(context, trial.candidate.keys.len())
-        && is_sure(trial, sure, context)
+        && is_sure(&trial.candidate, trial.gain, sure, context)
         && share
         && admitted
         && !at_zero(trial)
@@ -40,9 +40,9 @@ pub fn is_worth(base: &Hypothesis, trial: &Trial, explained_before: f64, context
 
 /// True if the gain is no chance of which blocks of the recordings there are. A single event is in one of them: all of its
 /// gain, or none, is in a sample of blocks, which says nothing; it must be worth more instead.
-fn is_sure(trial: &Trial, gain: Difference, context: &Context) -> bool {
-    let single = trial.candidate.only.is_some() && trial.gain > SINGLE * worth(context, trial.candidate.keys.len());
-    gain.low > 0.0 || single && gain.total > 0.0
+pub fn is_sure(candidate: &Candidate, gain: f64, sure: Difference, context: &Context) -> bool {
+    let single = candidate.only.is_some() && gain > SINGLE * worth(context, candidate.keys.len());
+    sure.low > 0.0 || single && sure.total > 0.0
 }
 
 /// Least gain of a single event in parts of [`worth`], where the blocks do not bear it out.

@@ -3,7 +3,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_cut_off, is_piece};
+use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_cut_off, is_piece, is_sure};
 use crate::diagnose::carry::goes_on;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, worth};
@@ -23,7 +23,8 @@ pub fn contested(found: Hypothesis, mut added: Vec<Added>, context: &Context) ->
     while i < added.len() {
         let Some(without) = left_out(&found, first + i, context) else { break };
         let kept = compare(&found, &without, context);
-        if kept.total < worth(context, added[i].candidate.keys.len()) || kept.low <= 0.0 {
+        let (total, candidate) = (kept.total, &added[i].candidate);
+        if total < worth(context, candidate.keys.len()) || !is_sure(candidate, total, kept, context) {
             found = without;
             added.remove(i);
             continue;

@@ -181,6 +181,9 @@ fn file(now: &Hypothesis, window: &Tangent) -> Option<String> {
 /// Times the impulse of the scan from which a push starts.
 const LOUD: [f64; 3] = [1.0, 2.0, 4.0];
 
+/// A weak push in noise is seen that much too early or too late, s: seen 67 ms, where a deviation of its time was 13.
+const REACH_S: f64 = 0.1;
+
 fn push_candidate(
     now: &Hypothesis,
     scales: &Scales,
@@ -189,7 +192,7 @@ fn push_candidate(
     joint: usize,
 ) -> Option<Candidate> {
     let Hit { at: (w, k), score } = push(screen, windows, joint)?;
-    let (time, reach, impulse) = (windows[w].t_s[k], 10.0 * scales.step_s, score.amplitudes[0]);
+    let (time, reach, impulse) = (windows[w].t_s[k], REACH_S.max(10.0 * scales.step_s), score.amplitudes[0]);
     // Where feet touch down the tangent feels a push too much: what it cannot follow it takes for less.
     let starts = LOUD.iter().map(|louder| vec![louder * impulse, time]).collect();
     Some(single(

@@ -10,7 +10,7 @@ use crate::diagnose::tables::estimates;
 use crate::diagnose::tried::{Added, Context, Trial, compare, worth};
 use crate::diagnose::verdict::{Estimate, Member, Missing, Rejected};
 use crate::model::resonance::resonance_hz;
-use crate::model::rig::{Rig, Scope, Slot};
+use crate::model::rig::{Effect, Rig, Scope, Slot};
 use std::collections::BTreeMap;
 
 /// Candidates that are behind by less than this many standard deviations of the difference (Vuong's test on blocks)
@@ -88,7 +88,10 @@ fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), contex
     let d = compare(winner, &trial.hypothesis, context);
     let form =
         if is_misfit(&winner.residuals, &context.floors) { FORM_OF_MISFIT * gain } else { (FORM * gain).min(SEEN) };
-    let inseparable = d.total < APART * d.std || d.total < form;
+    // Single events are in one block, all of them or none: samples of blocks say nothing of what is between them.
+    let events = [winner, &trial.hypothesis].iter().all(|h| h.rig.effects.get(place).is_some_and(is_event));
+    let chance = if events && !is_misfit(&winner.residuals, &context.floors) { SEEN } else { APART * d.std };
+    let inseparable = d.total < chance || d.total < form;
     // A trial of an earlier round has fewer effects than the winner: it says nothing in this company.
     // One number more and no better: the simpler one says the same.
     let simple = trial.candidate.keys.len() <= winner.rig.effects[place].kind.keys().len();
@@ -97,6 +100,11 @@ fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), contex
     let cut_off = trial.candidate.has_inner_states() && trial.hypothesis.rig.effects.get(place).is_some_and(is_cut_off);
     (inseparable && comparable && !cut_off && trial.gain > 0.5 * gain)
         .then(|| (member(&trial.hypothesis.clone().with_intervals(), place), weight(d, gain)))
+}
+
+/// True for an effect that acts in one recording alone: a push, a jump.
+fn is_event(effect: &Effect) -> bool {
+    !effect.recordings.is_empty()
 }
 
 /// Weight of a rival against 1 of the winner: how often it would win if the blocks were drawn again.

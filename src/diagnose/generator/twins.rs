@@ -34,21 +34,27 @@ pub(super) fn exact(lab: &Lab, truth: &Effect) -> Vec<(String, String)> {
     accepted
 }
 
-/// Beside exact twins, what fits these recordings to within the noise.
-pub(super) fn answers(lab: &Lab, truth: &Effect) -> Vec<(String, String)> {
+/// Beside exact twins, what fits these recordings to within the noise in the place of effect number `of`, the others there.
+pub(super) fn answers(lab: &Lab, effects: &[Effect], of: usize) -> Vec<(String, String)> {
+    let truth = &effects[of];
     let mut accepted = exact(lab, truth);
-    let recordings = lab.roughly_fitted(std::slice::from_ref(truth));
+    let recordings = lab.roughly_fitted(effects);
     let fit: Vec<&Recording> = recordings.iter().collect();
     let recorded: Vec<&[Vec<f64>]> = fit.iter().map(|r| r.clean.as_slice()).collect();
     let seen = lab.visibility(std::slice::from_ref(truth));
+    let beside = |other: Effect| {
+        let mut all = effects.to_vec();
+        all[of] = other;
+        all
+    };
     for other in lookalikes(lab, truth) {
         // A derivative knows no sense and no size: one round instead of twenty.
-        if lab.left_by(&[other.stronger(FAINT)], std::slice::from_ref(truth)) > (UNLIKE * seen).max(SAME) {
+        if lab.left_by(&beside(other.stronger(FAINT)), effects) > (UNLIKE * seen).max(SAME) {
             continue;
         }
         let same = |start: &Effect| {
             let Some(start) = lab.about_as_visible(start, seen) else { return false };
-            refit(&lab.rough(&[start]), &fit, &recorded, true).chi2 < SAME
+            refit(&lab.rough(&beside(start)), &fit, &recorded, true).chi2 < SAME
         };
         if same(&other) || other.turned().is_some_and(|turned| same(&turned)) {
             accepted.push((other.id.to_owned(), other.at));
@@ -77,6 +83,11 @@ fn lookalikes(lab: &Lab, truth: &Effect) -> Vec<Effect> {
             vec![("torque_offset", 0, lab.rig.joints[0].0.to_owned())]
         }
         "encoder_eccentricity" => here("sensor_bias"),
+        // An angle too large is a rate too small.
+        "sensor_scale" => {
+            let others = lab.rig.sensors.iter().enumerate().filter(|(i, _)| *i != truth.index);
+            others.map(|(i, sensor)| ("sensor_scale", i, sensor.column.to_owned())).collect()
+        }
         "sensor_bias" if lab.rig.joints.len() == 1 && !walks => {
             [here("encoder_eccentricity"), vec![("torque_offset", 0, lab.rig.joints[0].0.to_owned())]].concat()
         }
