@@ -12,6 +12,7 @@ pub mod carry;
 pub mod contest;
 pub mod flexible;
 pub mod folds;
+pub mod free_curve;
 pub mod generator;
 pub mod hypothesis;
 pub mod identification;

@@ -2,6 +2,7 @@
 //!
 //! RT: no.
 
+use crate::diagnose::free_curve::FreeCurve;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::laws::band_95;
 use crate::diagnose::likelihood::is_misfit;
@@ -10,7 +11,7 @@ use crate::diagnose::scan::{Curve, Over, state_curve, time_curve, vibration};
 use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
 use crate::diagnose::tangent::Tangent;
-use crate::diagnose::tried::Context;
+use crate::diagnose::tried::{Context, compare};
 use crate::diagnose::verdict::{Law, Member, Missing, Place};
 use crate::identify::noise::{Colour, loss};
 use crate::model::effect::EffectKind;
@@ -28,13 +29,21 @@ pub struct Unlisted {
     pub places: Vec<Place>,
     /// True if its force goes with time, not with the state.
     pub over_time: bool,
+    /// The joint with whose position its force goes, if it does.
+    pub over_position_of: Option<usize>,
 }
 
 impl Unlisted {
     /// A mismatch of which no more is known than `sentence` says.
     #[must_use]
     pub fn at(at: &str, sentence: String) -> Self {
-        Self { entry: nameless(at, sentence), laws: Vec::new(), places: Vec::new(), over_time: false }
+        Self {
+            entry: nameless(at, sentence),
+            laws: Vec::new(),
+            places: Vec::new(),
+            over_time: false,
+            over_position_of: None,
+        }
     }
 }
 
@@ -87,6 +96,10 @@ pub fn unexplained(
         return (excess_base > bar).then_some((on_base, true));
     }
     let left = structure(found, !misfit(found), &mut said);
+    let asked = left.as_ref().filter(|(_, excess)| *excess > HINT).and_then(|(u, _)| u.over_position_of);
+    if let Some(unlisted) = over_position(found, base, asked, context, &mut said) {
+        return Some((unlisted, true));
+    }
     let excess_found = left.as_ref().map_or(0.0, |(_, excess)| *excess);
     // What is left may be the imperfect form of a right effect; where next to nothing is left, the listed say it all.
     if removed >= enough || excess_found < bar.max(REST * excess_base) {
@@ -96,6 +109,41 @@ pub fn unexplained(
         return Some((on_base, true));
     }
     left.filter(|_| excess_found > bar.max(0.3 * listed)).map(|(on_found, _)| (on_found, false))
+}
+
+/// Excess of a curve over position on top of the listed effects from which a free force is fitted in their place.
+const HINT: f64 = 50.0;
+
+/// A free force over the position of `joint`, or of one at which a ripple was found, that says more than all that was found.
+fn over_position(
+    found: &Hypothesis,
+    base: &Hypothesis,
+    joint: Option<usize>,
+    context: &Context,
+    said: &mut impl FnMut(&str),
+) -> Option<Unlisted> {
+    // At its bounds the base is no fair start: what is listed was sought from the numbers as given as well.
+    if context.is_trapped {
+        return None;
+    }
+    let added = &found.rig.effects[base.rig.effects.len()..];
+    let ripple = added.iter().find(|e| e.kind == EffectKind::TorqueRipple);
+    let joint = joint.or_else(|| base.rig.mechanism.coordinate_index(&ripple?.at))?;
+    let curve = FreeCurve::fitted(base, joint, &tangents(base)?, context)?;
+    let ahead = compare(&curve.hypothesis, found, context).total;
+    let at = base.rig.mechanism.coordinates()[joint];
+    said(&format!("free force over the position of {at}, fitted: {ahead:.0} ahead of what was found"));
+    curve.says_more_than(found, base, context).then(|| {
+        let part = 1.0 - energy(&curve.hypothesis, base) / energy(base, base);
+        let sentence = sentence::unlisted(at, &format!("the position of {at}"), part.clamp(0.0, 1.0));
+        Unlisted {
+            entry: nameless(at, sentence),
+            laws: vec![curve.law()],
+            places: Vec::new(),
+            over_time: false,
+            over_position_of: Some(joint),
+        }
+    })
 }
 
 /// Part of the structure in the base's residual that a right effect may leave.
@@ -162,10 +210,15 @@ fn structure(of: &Hypothesis, with_time: bool, said: &mut impl FnMut(&str)) -> O
             laws.push(law);
         }
     }
-    Some((Unlisted { entry, laws, places: located(of, best), over_time: best.is_over_time() }, excess(best)))
+    let (over_time, over_position_of) = (best.is_over_time(), best.is_over_position().then_some(best.joint));
+    Some((Unlisted { entry, laws, places: located(of, best), over_time, over_position_of }, excess(best)))
 }
 
 impl Pattern {
+    fn is_over_position(&self) -> bool {
+        self.curve.as_ref().is_some_and(|c| c.over == Over::Angle)
+    }
+
     /// True if the force goes with nothing but time.
     fn is_over_time(&self) -> bool {
         self.curve.as_ref().is_none_or(|c| c.over == Over::Time)

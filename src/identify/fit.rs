@@ -39,7 +39,7 @@ pub trait FreeRuns: Sync {
 }
 
 /// Where a fit starts, and where it stands.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Point {
     /// Shared parameters.
     pub parameters: Vec<f64>,

@@ -97,7 +97,13 @@ fn lookalikes(lab: &Lab, truth: &Effect) -> Vec<Effect> {
         "counterweight" if walks => on_ground("round_foot"),
         "round_foot" => on_ground("counterweight"),
         "sensor_bias" if walks => [here("encoder_eccentricity"), on_ground("ground_slope")].concat(),
-        "sensor_bias" => here("encoder_eccentricity"),
+        "sensor_bias" => {
+            let joints = (0..lab.rig.joints.len()).map(|i| ("torque_offset", i, lab.rig.joints[i].0.to_owned()));
+            here("encoder_eccentricity").into_iter().chain(joints).collect()
+        }
+        "torque_offset" | "friction_asymmetry" if !walks => {
+            lab.rig.sensors.iter().enumerate().map(|(i, sensor)| ("sensor_bias", i, sensor.column.to_owned())).collect()
+        }
         "ground_slope" => reading("sensor_bias"),
         "counterweight" => vec![("parallel_spring", lab.rig.stance(), ["inner", "outer"][lab.rig.stance()].to_owned())],
         _ => Vec::new(),
