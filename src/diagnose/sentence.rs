@@ -130,9 +130,23 @@ pub fn entry(members: &[Member], removed: f64) -> String {
 #[must_use]
 pub fn unlisted(at: &str, over: &str, share: f64) -> String {
     format!(
-        "At {at} acts something that no effect of the library explains; {:.0} % of the misfit goes with {over}.",
-        100.0 * share
+        "At {at} acts something that no effect of the library explains; {:.0} % of the misfit goes with {over}: look for {}.",
+        100.0 * share,
+        suspect(over)
     )
+}
+
+/// What a person would look for where a force goes with `over`.
+fn suspect(over: &str) -> &'static str {
+    if over.starts_with("the position") {
+        "a magnet, a detent, a cable or a dent there"
+    } else if over.starts_with("the rate") {
+        "friction or drag of another form"
+    } else if over.contains("vibration") {
+        "what shakes or drives the machine from outside"
+    } else {
+        "what acts only at times: a load, a contact, a hand"
+    }
 }
 
 /// What would tell the members of the first ambiguous entry apart.
@@ -190,5 +204,18 @@ mod tests {
         assert_eq!(three(377.04), "377");
         assert_eq!(three(-0.012_345), "-0.0123");
         assert_eq!(three(1.0e-5), "1.00e-5");
+    }
+
+    #[test]
+    fn a_force_without_a_name_says_what_to_look_for() {
+        for (over, hint) in [
+            ("the position of hip", "magnet"),
+            ("the rate of hip", "friction"),
+            ("time, like a vibration of 3.5 Hz", "shakes"),
+            ("time", "load"),
+        ] {
+            let said = unlisted("hip", over, 0.5);
+            assert!(said.contains(over) && said.contains("50 %") && said.contains(hint), "{said}");
+        }
     }
 }

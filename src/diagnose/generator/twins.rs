@@ -68,8 +68,15 @@ fn lookalikes(lab: &Lab, truth: &Effect) -> Vec<Effect> {
     let here = |id: &'static str| vec![(id, truth.index, truth.at.clone())];
     let on_ground = |id: &'static str| vec![(id, NONE, "ground".to_owned())];
     let reading = |id: &'static str| vec![(id, 0, lab.rig.sensors[0].column.to_owned())];
+    let driving = |id: &'static str| vec![(id, 0, lab.rig.joints[0].1.to_owned())];
+    let alone = lab.rig.sensors.len() == 1 && lab.rig.joints.len() == 1;
     let walks = lab.rig.kind == Kind::Walker;
     let found = match truth.id {
+        // With one sensor a late command is a late reading; how it is late shows in fast motion only.
+        "transport_delay" if alone => [here("actuator_lag"), reading("sensor_delay"), reading("sensor_lag")].concat(),
+        "actuator_lag" if alone => [here("transport_delay"), reading("sensor_delay"), reading("sensor_lag")].concat(),
+        "sensor_lag" if alone => [here("sensor_delay"), driving("transport_delay"), driving("actuator_lag")].concat(),
+        "sensor_delay" if alone => [here("sensor_lag"), driving("transport_delay"), driving("actuator_lag")].concat(),
         "transport_delay" => here("actuator_lag"),
         "actuator_lag" => here("transport_delay"),
         "sensor_lag" => here("sensor_delay"),
