@@ -14,6 +14,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// How often the status line is renewed.
 const STATUS_EVERY: Duration = Duration::from_secs(1);
 
+/// How long closing the files may take before the service manager calls it hung, us: its own time limit for a stop.
+const CLOSING_US: u32 = 30_000_000;
+
 /// Starts the thread; it ends with the loop.
 pub(super) fn spawn(progress: Arc<Progress>, stop: Stop, run_for: Option<Duration>) -> io::Result<JoinHandle<()>> {
     let supervisor = Supervisor {
@@ -50,7 +53,9 @@ impl Supervisor {
             self.tell_status();
             sleep(LOOK_EVERY);
         }
-        tell(&[NotifyState::Stopping]);
+        // The drives have been stopped; what is left is files, and a slow disk must not pass for a hung loop.
+        let patience = self.watchdog.map(|_| NotifyState::WatchdogUsec(CLOSING_US));
+        tell(&[&[NotifyState::Stopping][..], patience.as_slice()].concat());
     }
 
     /// Only a control thread that gets on feeds the watchdog: a loop that hangs is killed, and the drives stop.
