@@ -1,5 +1,5 @@
-//! Readings in degrees, deg/s or mm where the rig means rad, rad/s or m: suspected by their size, convicted by a
-//! simulation. RT: no.
+//! Readings in degrees or deg/s where the rig means rad or rad/s: suspected by their size, convicted by a simulation.
+//! RT: no.
 
 use crate::identify::experiment::Recording;
 use crate::identify::rollout::{Pooled, free_run};
@@ -30,23 +30,16 @@ struct Unit {
 const DEGREES: Unit = Unit { factor: std::f64::consts::PI / 180.0, name: "degrees", right: "rad", suspicious: 3.2 };
 const DEGREES_PER_S: Unit =
     Unit { factor: std::f64::consts::PI / 180.0, name: "deg/s", right: "rad/s", suspicious: 20.0 };
-const MILLIMETRES: Unit = Unit { factor: 1e-3, name: "mm", right: "m", suspicious: 3.0 };
-const MILLIMETRES_PER_S: Unit = Unit { factor: 1e-3, name: "mm/s", right: "m/s", suspicious: 10.0 };
 
-fn unit_of(mechanism: MechanismKind, sensor: &Sensor) -> &'static Unit {
-    match (mechanism == MechanismKind::Slider, sensor.is_rate) {
-        (false, false) => &DEGREES,
-        (false, true) => &DEGREES_PER_S,
-        (true, false) => &MILLIMETRES,
-        (true, true) => &MILLIMETRES_PER_S,
-    }
+fn unit_of(sensor: &Sensor) -> &'static Unit {
+    if sensor.is_rate { &DEGREES_PER_S } else { &DEGREES }
 }
 
 /// One line per column of `recording` that is in the wrong unit: where its largest reading is, and the remedy.
 #[must_use]
 pub fn wrong_units(rig: &Rig, recording: &Recording) -> Vec<String> {
     let suspects: Vec<usize> = (0..rig.sensors.len()).filter(|c| is_suspect(rig, recording, *c)).collect();
-    if suspects.is_empty() {
+    if suspects.is_empty() || rig.mechanism == MechanismKind::Slider {
         return Vec::new();
     }
     let before = error(rig, recording);
@@ -63,7 +56,7 @@ pub fn wrong_units(rig: &Rig, recording: &Recording) -> Vec<String> {
 }
 
 fn line(rig: &Rig, recording: &Recording, column: usize, times: f64) -> String {
-    let (sensor, unit) = (&rig.sensors[column], unit_of(rig.mechanism, &rig.sensors[column]));
+    let (sensor, unit) = (&rig.sensors[column], unit_of(&rig.sensors[column]));
     let (row, most) = largest(&recording.measured[column]);
     format!(
         "{}: row {}, column `{}`: reads {most}; the column is in {}: converted, the simulation follows it {times:.0} times \
@@ -84,13 +77,13 @@ fn largest(samples: &[f64]) -> (usize, f64) {
 }
 
 fn is_suspect(rig: &Rig, recording: &Recording, column: usize) -> bool {
-    largest(&recording.measured[column]).1.abs() > unit_of(rig.mechanism, &rig.sensors[column]).suspicious
+    largest(&recording.measured[column]).1.abs() > unit_of(&rig.sensors[column]).suspicious
 }
 
 fn converted(rig: &Rig, recording: &Recording, columns: &[usize]) -> Recording {
     let mut out = recording.clone();
     for c in columns {
-        let factor = unit_of(rig.mechanism, &rig.sensors[*c]).factor;
+        let factor = unit_of(&rig.sensors[*c]).factor;
         out.measured[*c].iter_mut().for_each(|y| *y *= factor);
     }
     out
