@@ -100,6 +100,7 @@ pub fn forward(
     let (added, last) = (Vec::new(), Vec::new());
     let mut all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
     let (mut explained, mut restarts, mut last_cost) = (0.0, 0, 0);
+    let mut stood: Vec<Trial> = Vec::new();
     loop {
         let spent = all.found.problem.effort.spent();
         // Another round begins only if it should end in time, by what the last one took: an answer with fewer effects is
@@ -109,7 +110,8 @@ pub fn forward(
             (all.last, all.cut_short) = (Vec::new(), true);
             return all;
         }
-        let candidates = library(&all.found);
+        let mut candidates = library(&all.found);
+        start_where_they_stood(&mut candidates, &std::mem::take(&mut stood));
         said(&format!("{} candidates", candidates.len()));
         all.last = round(&all.found, &all.found, &candidates, context, &mut said);
         last_cost = all.found.problem.effort.spent() - spent;
@@ -130,6 +132,7 @@ pub fn forward(
         {
             said(&format!("   {} only shook the fit free: again from there", all.last[0].candidate.effect));
             restarts += 1;
+            stood = std::mem::take(&mut all.last);
             all.go_on_from(better);
             continue;
         }
@@ -145,6 +148,7 @@ pub fn forward(
         {
             said(&format!("   {} only shook the fit free: again from there", all.last[i].candidate.effect));
             restarts += 1;
+            stood = std::mem::take(&mut all.last);
             all.go_on_from(better);
             continue;
         }
@@ -152,6 +156,29 @@ pub fn forward(
         explained += best.gain;
         all.add(best, context);
         all.found = reconsidered(all.found, &mut all.added, context, &mut said);
+    }
+}
+
+/// Candidates that start where the best of an earlier round stood, besides.
+const REMEMBERED: usize = 3;
+
+/// Lets candidates start from the numbers that they had beside another base as well: what led that base out of a false
+/// minimum knew more of its effect than a scan from there does.
+fn start_where_they_stood(candidates: &mut [Candidate], stood: &[Trial]) {
+    for trial in stood.iter().take(REMEMBERED) {
+        let Some(effect) = trial.hypothesis.rig.effects.last() else { continue };
+        let Some(same) = candidates.iter_mut().find(|c| c.is_same_as(&trial.candidate)) else { continue };
+        let start: Vec<f64> = same
+            .keys
+            .iter()
+            .filter_map(|key| {
+                let k = effect.kind.keys().iter().position(|of| of.name == key.name)?;
+                Some(effect.values[k].value.clamp(key.min, key.max))
+            })
+            .collect();
+        if start.len() == same.keys.len() {
+            same.starts.insert(0, start);
+        }
     }
 }
 

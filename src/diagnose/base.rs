@@ -4,6 +4,7 @@
 
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{memory, white};
+use crate::diagnose::stragglers::{rescued, reseated};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::{Limits, Point, cost_of_window, fit, fit_states};
 use crate::identify::noise::{Colour, median_abs};
@@ -51,14 +52,14 @@ pub fn fitted(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f6
     let full = Problem::new(rig.clone(), recordings.to_vec());
     let direct = settled(&full, &rough, floors);
     // A false minimum leaves a misfit that anyone would see; only then the horizon has to grow.
-    let is_good = |h: &Hypothesis| misfit(h, pooled, floors) < GOOD;
+    let is_good = |h: &Hypothesis| misfit(h, pooled, floors) < GOOD && !is_uneven(h);
     let grown = match &direct {
         Some(h) if is_good(h) => None,
         _ => grown(&full, &rough).and_then(|rig| settled(&full.with_rig(rig), &rough, floors)),
     };
     // One that is smaller than that leaves slow errors. Where feet land and joints stick, the start decides.
     let best = better(grown, direct);
-    let is_slow = best.as_ref().is_none_or(|h| h.noise.iter().any(|colour| memory(colour) > SLOW));
+    let is_slow = best.as_ref().is_none_or(|h| is_uneven(h) || h.noise.iter().any(|colour| memory(colour) > SLOW));
     let starts = if is_slow { &ELSEWHERE[..] } else { &[] };
     let others = starts.par_iter().map(|factor| settled(&full.with_rig(moved(rig, *factor)), &rough, floors));
     others.collect::<Vec<_>>().into_iter().fold(best, |best, other| better(other, best))
@@ -94,6 +95,20 @@ fn moved(rig: &Rig, factor: f64) -> Rig {
 
 /// Largest misfit, in parts of a channel's spread, that is taken for the true minimum without a second start.
 const GOOD: f64 = 0.05;
+
+/// True if single windows are followed far worse than the others: a start that was not found, or numbers with which it cannot be.
+fn is_uneven(of: &Hypothesis) -> bool {
+    let cost = |w: usize| {
+        let rows: usize = of.residuals.iter().map(|runs| runs[w].len()).sum();
+        cost_of_window(&of.problem, w, &of.point, &of.noise) / rows.max(1) as f64
+    };
+    let mut costs: Vec<f64> = (0..of.point.states.len()).into_par_iter().map(cost).collect();
+    costs.sort_by(f64::total_cmp);
+    costs.last().is_some_and(|worst| *worst > UNEVEN * costs[costs.len() / 2])
+}
+
+/// Cost of the worst window, in parts of the median's per sample, that calls for other starts.
+const UNEVEN: f64 = 1.4;
 
 fn misfit(of: &Hypothesis, pooled: &Pooled, floors: &[f64]) -> f64 {
     let relative =
@@ -132,11 +147,11 @@ fn settled(problem: &Problem, rough: &[Colour], floors: &[f64]) -> Option<Hypoth
     // What stood wrong beside wrong numbers may be found beside the right ones.
     let noise = white(&now.residuals, floors);
     let rescued = rescued(problem, now.point.clone(), &noise);
-    if rescued == now.point {
-        return Some(now);
+    if rescued != now.point {
+        let limits = Limits { iterations: 6, tolerance: 1e-4 };
+        now = better(Hypothesis::fitted(problem.clone(), rescued, &noise, floors, limits), Some(now))?;
     }
-    let limits = Limits { iterations: 6, tolerance: 1e-4 };
-    better(Hypothesis::fitted(problem.clone(), rescued, &noise, floors, limits), Some(now))
+    Some(reseated(&now, floors).unwrap_or(now))
 }
 
 /// The rig as it is: only the initial states are fitted.
@@ -157,30 +172,6 @@ fn states_only(problem: &Problem, start: Point, noise: &[Colour], floors: &[f64]
     let n = start.parameters.len();
     let point = rescued(problem, Point { parameters: start.parameters, states }, noise);
     Hypothesis::at(problem.clone(), point, DMatrix::zeros(n, n), floors)
-}
-
-/// A window that costs so many times the median of all may stand in a false minimum of its initial state.
-const STRAGGLER: f64 = 3.0;
-
-/// Stragglers sought once more: where a foot lands or a joint sticks, a state that is hardly wrong at the start can miss the
-/// event, and its window would look like physics that is missing.
-fn rescued(problem: &Problem, mut at: Point, noise: &[Colour]) -> Point {
-    let costs: Vec<f64> =
-        (0..at.states.len()).into_par_iter().map(|w| cost_of_window(problem, w, &at, noise)).collect();
-    let mut sorted = costs.clone();
-    sorted.sort_by(f64::total_cmp);
-    let limit = STRAGGLER * sorted.get(sorted.len() / 2).copied().unwrap_or(f64::INFINITY);
-    let one = |w: usize| {
-        let mut other = at.clone();
-        other.states[w] = problem.sought(w, &at, noise)?;
-        (cost_of_window(problem, w, &other, noise) < costs[w]).then(|| (w, other.states.swap_remove(w)))
-    };
-    let better: Vec<(usize, Vec<f64>)> =
-        (0..at.states.len()).into_par_iter().filter(|w| costs[*w] > limit).filter_map(one).collect();
-    for (w, state) in better {
-        at.states[w] = state;
-    }
-    at
 }
 
 /// `rig` with no number left free.
@@ -248,30 +239,10 @@ fn peaks(of: &Hypothesis, recording: usize, channel: usize) -> Vec<Peak> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::fit::FreeRuns;
 
     const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
         [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n\
         [[effect]]\neffect = \"coulomb_friction\"\nat = \"q1\"\ncoulomb = 0.02\n";
-
-    fn problem(window_s: Option<f64>, measured: Vec<f64>) -> Problem {
-        Problem::shaken(RIG, window_s, measured)
-    }
-
-    #[test]
-    fn a_window_that_stands_wrong_is_sought_once_more_and_the_others_stay() {
-        let swing = problem(None, vec![0.0; 200]);
-        let truth = swing.run(0, &[], &[0.6, 0.2], false).unwrap()[0].residual.clone();
-        let (problem, noise) = (problem(Some(0.5), truth), [Colour::white(0.01)]);
-        let states = fit_states(&problem, problem.start().states, &noise, Limits::default());
-        let mut wrong = Point { parameters: Vec::new(), states: states.clone() };
-        // Over the top: swinging round is a minimum of its own.
-        wrong.states[2] = vec![4.0, 12.0];
-        let cost = |at: &Point| cost_of_window(&problem, 2, at, &noise);
-        let found = rescued(&problem, wrong.clone(), &noise);
-        assert!(cost(&found) < 1e-2 && cost(&wrong) > 100.0, "{} {}", cost(&found), cost(&wrong));
-        assert_eq!((&found.states[..2], &found.states[3]), (&states[..2], &states[3]));
-    }
 
     #[test]
     fn another_start_moves_all_that_is_free_and_leaves_the_bounds() {

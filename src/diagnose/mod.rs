@@ -34,6 +34,7 @@ pub mod score;
 pub mod screen;
 pub mod sentence;
 pub mod sets;
+pub mod stragglers;
 pub mod suspicion;
 pub mod tables;
 pub mod tangent;

@@ -9,6 +9,7 @@ use crate::diagnose::carry::{goes_on, has_more_states};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{blocks, white};
 use crate::diagnose::screen::{Column, Own, Screen};
+use crate::diagnose::stragglers::reseated;
 use crate::diagnose::thin::{Thin, thinned};
 use crate::diagnose::tried::{Context, MOST_EFFORT, Trial, with_effect, worth};
 use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit};
@@ -357,5 +358,14 @@ pub fn polish(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
             }
         });
     }
+    if trials.first().is_none_or(|leader| leader.gain < 0.5 * worth(context, 1)) {
+        return;
+    }
+    let count = trials.iter().take(POLISHED).filter(|t| t.gain > 0.5 * trials[0].gain).count();
+    trials[..count].par_iter_mut().for_each(|trial| {
+        if let Some(better) = reseated(&trial.hypothesis, &context.floors) {
+            trial.hypothesis = better;
+        }
+    });
     rank(base, trials, context);
 }

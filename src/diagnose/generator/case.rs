@@ -5,7 +5,7 @@ use super::draw;
 use super::effect::{Effect, OUTSIDE};
 use super::experiment::{COARSE, Physics, ROW_S, Recording, record};
 use super::program::{self, Program};
-use super::refit::{detectability, refit};
+use super::refit::{detectability, refit, refit_well};
 use super::rig::{self, Kind, Rig};
 use super::twins;
 
@@ -152,7 +152,7 @@ impl Lab {
         let recordings = self.roughly_fitted(effects);
         let fit: Vec<&Recording> = recordings.iter().collect();
         let signals: Vec<&[Vec<f64>]> = fit.iter().map(|r| r.clean.as_slice()).collect();
-        refit(&self.rough(&[]), &fit, &signals, true).chi2.min(self.visibility(effects))
+        refit_well(&self.rough(&[]), &fit, &signals).chi2.min(self.visibility(effects))
     }
 
     /// What re-fitting the base with `known` leaves of `effects`.

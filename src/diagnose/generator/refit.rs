@@ -5,9 +5,13 @@ use nalgebra::{DMatrix, DVector};
 
 use super::experiment::{Physics, Recording, free_run};
 use super::machine::State;
+use super::rig::Kind;
 
-/// Gauss-Newton rounds; the last ones change nothing any more on the cases looked at.
-const ROUNDS: usize = 4;
+/// Most Gauss-Newton rounds; one that brings less than this part is the last.
+const ROUNDS: usize = 12;
+const BRINGS: f64 = 0.02;
+/// A step that goes uphill is halved at most so often.
+const HALVINGS: u8 = 3;
 /// A parameter changes at most by this factor per round.
 const STRIDE: f64 = 1.5;
 
@@ -185,24 +189,88 @@ pub(super) fn detectability(physics: &Physics, recordings: &[&Recording], signal
 /// Re-fits the free values (`values` false: only the initial states) to `signals`.
 pub(super) fn refit(physics: &Physics, recordings: &[&Recording], signals: &[&[Vec<f64>]], values: bool) -> Fit {
     let free = if values { free_values(physics) } else { Vec::new() };
+    fitted(physics, recordings, signals, &free, false)
+}
+
+/// Re-fits all free values, and where that halts each window by itself: slower, for what decides.
+pub(super) fn refit_well(physics: &Physics, recordings: &[&Recording], signals: &[&[Vec<f64>]]) -> Fit {
+    fitted(physics, recordings, signals, &free_values(physics), true)
+}
+
+fn fitted(physics: &Physics, recordings: &[&Recording], signals: &[&[Vec<f64>]], free: &[Free], seats: bool) -> Fit {
     let mut fit = Fit { physics: physics.clone(), starts: starts_of(recordings), chi2: f64::INFINITY };
-    let mut best = fit.clone();
+    let mut here = blocks(&fit.physics, recordings, signals, &fit.starts, free);
+    fit.chi2 = energy(&here);
     for _ in 0..ROUNDS {
-        let blocks = blocks(&fit.physics, recordings, signals, &fit.starts, &free);
-        fit.chi2 = blocks.iter().map(|block| block.residual.norm_squared()).sum();
-        if fit.chi2 < best.chi2 {
-            best = fit.clone();
+        let (step, _) = value_step(&here, free.len());
+        let stepped = (0..=HALVINGS).find_map(|halved| {
+            let next = moved(&fit, &here, &(&step * libm::exp2(-f64::from(halved))), free);
+            lower(next, &fit, recordings, signals)
+        });
+        let walks = physics.rig.kind == Kind::Walker;
+        let stuck = seats && (walks || stepped.as_ref().is_none_or(|next| next.chi2 > (1.0 - BRINGS) * fit.chi2));
+        let mut next = stepped.unwrap_or_else(|| fit.clone());
+        if stuck {
+            seat(&mut next, recordings, signals);
         }
-        let (step, _) = value_step(&blocks, free.len());
-        for (i, free) in free.iter().enumerate() {
-            let factor = libm::exp(step[(i, 0)]).clamp(1.0 / STRIDE, STRIDE);
-            fit.physics = scaled(&fit.physics, free, factor);
+        let Some(next) = lower(next, &fit, recordings, signals) else { break };
+        let is_last = next.chi2 > (1.0 - BRINGS) * fit.chi2;
+        fit = next;
+        if is_last {
+            break;
         }
-        move_starts(&mut fit, &blocks, &step);
+        here = blocks(&fit.physics, recordings, signals, &fit.starts, free);
     }
-    let last = blocks(&fit.physics, recordings, signals, &fit.starts, &[]);
-    fit.chi2 = last.iter().map(|block| block.residual.norm_squared()).sum();
-    if fit.chi2 < best.chi2 { fit } else { best }
+    fit
+}
+
+/// `next` with its misfit, if that is below the one of `now`.
+fn lower(mut next: Fit, now: &Fit, recordings: &[&Recording], signals: &[&[Vec<f64>]]) -> Option<Fit> {
+    next.chi2 = energy(&blocks(&next.physics, recordings, signals, &next.starts, &[]));
+    (next.chi2 < now.chi2).then_some(next)
+}
+
+fn energy(blocks: &[Block]) -> f64 {
+    blocks.iter().map(|block| block.residual.norm_squared()).sum()
+}
+
+/// `fit` moved by `step` of its values, its initial states following.
+fn moved(fit: &Fit, blocks: &[Block], step: &DMatrix<f64>, free: &[Free]) -> Fit {
+    let mut next = fit.clone();
+    for (i, free) in free.iter().enumerate() {
+        let factor = libm::exp(step[(i, 0)]).clamp(1.0 / STRIDE, STRIDE);
+        next.physics = scaled(&next.physics, free, factor);
+    }
+    move_starts(&mut next, blocks, step);
+    next
+}
+
+/// Steps of one window's initial state by itself.
+const SEATINGS: usize = 3;
+
+/// Each window's initial state for itself: where feet land one window has edges, and would hold up all the others.
+fn seat(fit: &mut Fit, recordings: &[&Recording], signals: &[&[Vec<f64>]]) {
+    let entries = state_entries(&fit.physics);
+    for ((recording, signals), starts) in recordings.iter().zip(signals).zip(&mut fit.starts) {
+        for (window, start) in starts.iter_mut().enumerate() {
+            let look = |start: State| block(&fit.physics, recording, signals, window, start, &[]);
+            let mut here = look(*start);
+            for _ in 0..SEATINGS {
+                let step = least_squares(&here.states, &DMatrix::from_columns(std::slice::from_ref(&here.residual)));
+                let tried = (0..=HALVINGS).find_map(|halved| {
+                    let mut next = *start;
+                    for (i, entry) in entries.iter().enumerate() {
+                        next.y[*entry] += step[(i, 0)] * libm::exp2(-f64::from(halved));
+                    }
+                    let there = look(next);
+                    (there.residual.norm_squared() < (1.0 - BRINGS) * here.residual.norm_squared())
+                        .then_some((next, there))
+                });
+                let Some(better) = tried else { break };
+                (*start, here) = better;
+            }
+        }
+    }
 }
 
 fn move_starts(fit: &mut Fit, blocks: &[Block], step: &DMatrix<f64>) {
