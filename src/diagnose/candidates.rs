@@ -305,7 +305,7 @@ fn ground(leg_m: f64, scales: &Scales) -> Vec<Candidate> {
                 decades("stiffness", 3.0 * scales.weight_n / leg_m, 3e5 * scales.weight_n / leg_m),
                 decades("damping", 0.03 * scales.weight_n / leg_m, 3e3 * scales.weight_n / leg_m),
             ],
-            [100.0, 400.0, 1600.0]
+            [100.0, 400.0, 1600.0, 6400.0, 25600.0]
                 .iter()
                 .map(|x| vec![x * scales.weight_n / leg_m, 4.0 * scales.weight_n / leg_m])
                 .collect(),
@@ -354,6 +354,8 @@ pub const LOOKALIKES: &[&[&str]] = &[
     &["torque_ripple", "encoder_eccentricity"],
     &["counterweight", "round_foot", "parallel_spring", "ground_slope"],
     &["foot_slip", "elastic_impact", "toe_compliance"],
+    // A leg that gives a little lands as on a slope.
+    &["toe_compliance", "ground_slope"],
     &["sensor_scale", "sensor_lag", "sensor_delay"],
 ];
 

@@ -23,7 +23,10 @@ use std::sync::Arc;
 /// Candidates that are fitted in full per round.
 const FITTED: usize = 5;
 
-/// Of those, how many are polished under the noise that the best one leaves.
+/// Lookalikes of the best that are fitted besides.
+const ALIKE: usize = 9;
+
+/// Of the best, how many are polished under the noise that the best one leaves.
 const POLISHED: usize = 4;
 
 /// How far candidates are fitted before the leaders go on, and again then.
@@ -121,9 +124,17 @@ fn split<'c>(ranked: Vec<Ranked<'c>>) -> (Vec<Ranked<'c>>, Vec<Ranked<'c>>) {
     let leaders: Vec<&Candidate> = ranked.iter().take(3).map(|r| r.0).collect();
     let wanted =
         |(i, (c, ..)): &(usize, &Ranked<'_>)| *i < FITTED || leaders.iter().any(|l| look_alike(l.effect, c.effect));
-    let mut out: Vec<usize> = ranked.iter().enumerate().filter(wanted).take(FITTED + 5).map(|(i, _)| i).collect();
+    let mut out: Vec<usize> = ranked.iter().enumerate().filter(wanted).take(FITTED + ALIKE).map(|(i, _)| i).collect();
     let plain = ranked.iter().enumerate().filter(|(_, (c, ..))| !c.has_inner_states()).take(FITTED);
     out.extend(plain.map(|(i, _)| i));
+    // A foot that lands a little earlier is an edge: one step says nothing of what changes the ground.
+    let mut grounds: Vec<&str> = Vec::new();
+    for (i, (c, ..)) in ranked.iter().enumerate().filter(|(_, (c, ..))| c.at == "ground") {
+        if !grounds.contains(&c.effect) {
+            grounds.push(c.effect);
+            out.push(i);
+        }
+    }
     let (first, rest): (Vec<_>, Vec<_>) = ranked.into_iter().enumerate().partition(|(i, _)| out.contains(i));
     let bare = |all: Vec<(usize, Ranked<'c>)>| all.into_iter().map(|(_, r)| r).collect();
     (bare(first), bare(rest))
