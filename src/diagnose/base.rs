@@ -6,7 +6,7 @@ use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{memory, white};
 use crate::diagnose::stragglers::{rescued, reseated};
 use crate::identify::experiment::{Experiment, Recording};
-use crate::identify::fit::{Limits, Point, cost_of_window, fit, fit_states};
+use crate::identify::fit::{Limits, Point, fit, fit_states};
 use crate::identify::noise::{Colour, median_abs};
 use crate::identify::problem::Problem;
 use crate::identify::rollout::Pooled;
@@ -52,14 +52,14 @@ pub fn fitted(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f6
     let full = Problem::new(rig.clone(), recordings.to_vec());
     let direct = settled(&full, &rough, floors);
     // A false minimum leaves a misfit that anyone would see; only then the horizon has to grow.
-    let is_good = |h: &Hypothesis| misfit(h, pooled, floors) < GOOD && !is_uneven(h);
+    let is_good = |h: &Hypothesis| misfit(h, pooled, floors) < GOOD;
     let grown = match &direct {
         Some(h) if is_good(h) => None,
         _ => grown(&full, &rough).and_then(|rig| settled(&full.with_rig(rig), &rough, floors)),
     };
     // One that is smaller than that leaves slow errors. Where feet land and joints stick, the start decides.
     let best = better(grown, direct);
-    let is_slow = best.as_ref().is_none_or(|h| is_uneven(h) || h.noise.iter().any(|colour| memory(colour) > SLOW));
+    let is_slow = best.as_ref().is_none_or(|h| h.noise.iter().any(|colour| memory(colour) > SLOW));
     let starts = if is_slow { &ELSEWHERE[..] } else { &[] };
     let others = starts.par_iter().map(|factor| settled(&full.with_rig(moved(rig, *factor)), &rough, floors));
     others.collect::<Vec<_>>().into_iter().fold(best, |best, other| better(other, best))
@@ -95,20 +95,6 @@ fn moved(rig: &Rig, factor: f64) -> Rig {
 
 /// Largest misfit, in parts of a channel's spread, that is taken for the true minimum without a second start.
 const GOOD: f64 = 0.05;
-
-/// True if single windows are followed far worse than the others: a start that was not found, or numbers with which it cannot be.
-fn is_uneven(of: &Hypothesis) -> bool {
-    let cost = |w: usize| {
-        let rows: usize = of.residuals.iter().map(|runs| runs[w].len()).sum();
-        cost_of_window(&of.problem, w, &of.point, &of.noise) / rows.max(1) as f64
-    };
-    let mut costs: Vec<f64> = (0..of.point.states.len()).into_par_iter().map(cost).collect();
-    costs.sort_by(f64::total_cmp);
-    costs.last().is_some_and(|worst| *worst > UNEVEN * costs[costs.len() / 2])
-}
-
-/// Cost of the worst window, in parts of the median's per sample, that calls for other starts.
-const UNEVEN: f64 = 1.4;
 
 fn misfit(of: &Hypothesis, pooled: &Pooled, floors: &[f64]) -> f64 {
     let relative =

@@ -289,7 +289,7 @@ fn finish(dice: &mut Dice, lab: &Lab, level: Level, effects: Vec<Effect>) -> Cas
     let published = match level {
         Level::True => lab.rig.clone(),
         Level::Off => off(dice, &lab.rig),
-        Level::Refitted | Level::Gentle | Level::Crowded => refitted.rig.clone(),
+        Level::Refitted | Level::Gentle | Level::Crowded => near(&refitted.rig, &lab.rig),
     };
     let accepted = (0..effects.len()).map(|of| answers_or_unlisted(lab, &effects, of)).collect();
     let visibility = if effects.is_empty() { 0.0 } else { lab.remains(&effects) };
@@ -301,6 +301,19 @@ fn finish(dice: &mut Dice, lab: &Lab, level: Level, effects: Vec<Effect>) -> Cas
 
 fn answers_or_unlisted(lab: &Lab, effects: &[Effect], of: usize) -> Vec<(String, String)> {
     if effects[of].is_outside() { Vec::new() } else { twins::answers(lab, effects, of) }
+}
+
+/// `fitted` no farther from `truth` than whoever publishes bounds believes: they must hold the truth.
+fn near(fitted: &Rig, truth: &Rig) -> Rig {
+    let mut other = fitted.clone();
+    for name in &truth.uncertain {
+        if let (Some(value), Some(true_value)) =
+            (other.values.get_mut(name), truth.values.get(name).filter(|x| **x > 0.0))
+        {
+            *value = value.clamp(0.55 * true_value, 1.8 * true_value);
+        }
+    }
+    other
 }
 
 /// Published values are rounded by whoever measured them: up to 20 % off.
