@@ -12,9 +12,10 @@ use crate::identify::fit::Limits;
 use crate::model::effect::EffectKind;
 use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Effect, Rig};
+use rayon::prelude::*;
 
-/// Rotor inertias to start from, as multiples of the one that was found.
-const STARTS: [f64; 4] = [0.15, 0.4, 2.0, 5.0];
+/// Rotor inertias to start from, as multiples of the best so far: from afar, then ever nearer, as the floor is rough.
+const STARTS: [&[f64]; 4] = [&[0.15, 0.4, 2.0, 5.0], &[0.6, 1.6], &[0.75, 1.3], &[0.87, 1.15]];
 /// Enough to see whether a start leads to a better place.
 const LOOK: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
@@ -23,14 +24,15 @@ const LOOK: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 pub fn along_ridges(found: Hypothesis, context: &Context) -> Hypothesis {
     let noise = found.noise.clone();
     let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
-    let starts: Vec<Rig> = (0..found.rig.effects.len())
-        .flat_map(|e| STARTS.into_iter().map(move |share| (e, share)))
-        .filter_map(|(e, share)| moved(&found.rig, e, share))
-        .collect();
-    starts.into_iter().fold(found, |best, rig| {
-        let (problem, start) = best.extended(rig);
-        let other = Hypothesis::fitted(problem, start, &noise, &context.floors, LOOK);
-        other.filter(|o| total(o) > total(&best)).unwrap_or(best)
+    STARTS.iter().fold(found, |best, shares| {
+        let places = (0..best.rig.effects.len()).flat_map(|e| shares.iter().map(move |share| (e, *share)));
+        let starts: Vec<Rig> = places.filter_map(|(e, share)| moved(&best.rig, e, share)).collect();
+        let fitted = |rig: Rig| {
+            let (problem, start) = best.extended(rig);
+            Hypothesis::fitted(problem, start, &noise, &context.floors, LOOK)
+        };
+        let others: Vec<Hypothesis> = starts.into_par_iter().filter_map(fitted).collect();
+        others.into_iter().fold(best, |best, other| if total(&other) > total(&best) { other } else { best })
     })
 }
 
