@@ -14,6 +14,7 @@ use crate::diagnose::tangent::Tangent;
 use crate::diagnose::tried::{Context, compare};
 use crate::diagnose::verdict::{Law, Member, Missing, Place};
 use crate::identify::noise::{Colour, loss};
+use crate::identify::floor::complaints;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{MechanismKind, Rig};
 use std::collections::BTreeMap;
@@ -81,6 +82,9 @@ pub fn unexplained(
     // Half of what a listed effect needs per sample: under the base's own noise most of a mismatch passes for colour.
     // Healthy cases stay below 20.
     let bar = (0.015 * context.samples as f64).max(80.0);
+    // What shorter steps change as much as noise does bends the runs of a healthy machine: seen to pass for a shaken base.
+    let is_rough = !complaints(&base.problem, &base.point, &base.noise).is_empty();
+    let bar = if is_rough { ROUGH * bar } else { bar };
     let (on_base, excess_base) = structure(base, true, &mut said)?;
     let misfit = |h: &Hypothesis| is_misfit(&h.residuals, &context.floors);
     // A free force over time explains any smooth misfit; a listed effect that removes a good part of it says more.
@@ -110,6 +114,9 @@ pub fn unexplained(
     }
     left.filter(|_| excess_found > bar.max(0.3 * listed)).map(|(on_found, _)| (on_found, false))
 }
+
+/// Times the bar where the simulation itself is rough.
+const ROUGH: f64 = 3.0;
 
 /// Excess of a curve over position on top of the listed effects from which a free force is fitted in their place.
 const HINT: f64 = 50.0;
