@@ -95,4 +95,33 @@ mod tests {
         assert!(cost(&found) < 1e-2 && cost(&wrong) > 100.0, "{} {}", cost(&found), cost(&wrong));
         assert_eq!((&found.states[..2], &found.states[3]), (&states[..2], &states[3]));
     }
+
+    #[test]
+    fn a_window_off_its_place_is_seated_anew_and_one_that_stands_well_is_left() {
+        let swing = problem(None, vec![0.0; 200]);
+        let truth = swing.run(0, &[], &[0.6, 0.2], false).unwrap()[0].residual.clone();
+        let noisy = truth.iter().enumerate().map(|(k, y)| y + 1e-3 * libm::sin(7.3 * (k * k) as f64)).collect();
+        let (problem, floors) = (problem(Some(0.5), noisy), [1e-4]);
+        let states = fit_states(&problem, problem.start().states, &[Colour::white(0.01)], Limits::default());
+        let at = |states: Vec<Vec<f64>>| {
+            let point = Point { parameters: Vec::new(), states };
+            Hypothesis::at(problem.clone(), point, nalgebra::DMatrix::zeros(0, 0), &floors).unwrap()
+        };
+        let mut off = states.clone();
+        off[2] = vec![4.0, 12.0];
+        let rms = |h: &Hypothesis| {
+            let e: Vec<f64> = h.residuals[0].iter().flatten().copied().collect();
+            libm::sqrt(e.iter().map(|x| x * x).sum::<f64>() / e.len() as f64)
+        };
+        let (wrong, right) = (at(off), at(states));
+        let found = reseated(&wrong, &floors).unwrap();
+        assert!(
+            rms(&wrong) > 0.1 && rms(&found) < 2.0 * rms(&right),
+            "{} {} {}",
+            rms(&wrong),
+            rms(&found),
+            rms(&right)
+        );
+        assert!(reseated(&right, &floors).is_none());
+    }
 }
