@@ -110,14 +110,14 @@ pub fn forward(
             (all.last, all.cut_short) = (Vec::new(), true);
             return all;
         }
-        let mut candidates = library(&all.found);
-        start_where_they_stood(&mut candidates, &std::mem::take(&mut stood));
+        let candidates = library(&all.found);
         said(&format!("{} candidates", candidates.len()));
-        all.last = round(&all.found, &all.found, &candidates, context, &mut said);
+        let earlier = std::mem::take(&mut stood);
+        all.last = round(&all.found, (&all.found, earlier), &candidates, context, &mut said);
         last_cost = all.found.problem.effort.spent() - spent;
         if let Some(also) = also.filter(|_| all.added.is_empty()) {
             said("the same from the numbers as given");
-            let more = round(also, &all.found, &library(also), context, &mut said);
+            let more = round(also, (&all.found, Vec::new()), &library(also), context, &mut said);
             all.last = merged(&all.found, std::mem::take(&mut all.last), more, context);
         }
         tell(&all.last, context, &mut said);
@@ -139,8 +139,10 @@ pub fn forward(
         let left_out = OnceCell::new();
         let mut asked = 0..all.last.len().min(TRIED);
         let told = |i: &usize| !is_unresolved(&all.found, &all.last[*i], &all.last, context);
-        let believed =
-            asked.find(|i| told(i) && believed(&all.found, &left_out, &all.last[*i], explained, context, &mut said));
+        let believed = asked.find(|i| {
+            let trial = (&all.last[*i], &all.last[..]);
+            told(i) && believed(&all.found, &left_out, trial, explained, context, &mut said)
+        });
         let Some(i) = believed else { return all };
         if i > 0
             && restarts < RESTARTS
@@ -156,29 +158,6 @@ pub fn forward(
         explained += best.gain;
         all.add(best, context);
         all.found = reconsidered(all.found, &mut all.added, context, &mut said);
-    }
-}
-
-/// Candidates that start where the best of an earlier round stood, besides.
-const REMEMBERED: usize = 3;
-
-/// Lets candidates start from the numbers that they had beside another base as well: what led that base out of a false
-/// minimum knew more of its effect than a scan from there does.
-fn start_where_they_stood(candidates: &mut [Candidate], stood: &[Trial]) {
-    for trial in stood.iter().take(REMEMBERED) {
-        let Some(effect) = trial.hypothesis.rig.effects.last() else { continue };
-        let Some(same) = candidates.iter_mut().find(|c| c.is_same_as(&trial.candidate)) else { continue };
-        let start: Vec<f64> = same
-            .keys
-            .iter()
-            .filter_map(|key| {
-                let k = effect.kind.keys().iter().position(|of| of.name == key.name)?;
-                Some(effect.values[k].value.clamp(key.min, key.max))
-            })
-            .collect();
-        if start.len() == same.keys.len() {
-            same.starts.insert(0, start);
-        }
     }
 }
 

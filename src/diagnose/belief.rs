@@ -16,6 +16,12 @@ use std::cell::OnceCell;
 /// Least gain of a further effect, in parts of what those before it gained.
 const SHARE: f64 = 0.04;
 
+/// The same where nothing else gains nearly as much: what the form of the first leaves is as good for several.
+const SHARE_ALONE: f64 = 0.02;
+
+/// Part of a trial's gain from which another effect gains nearly as much.
+const NEARLY: f64 = 0.6;
+
 /// The same where smooth misfit stays: no form fits hardware to the noise. Tuned on a pendulum with gears, where a ripple
 /// (.14) and a play (.06) came after the Coulomb friction that explains it.
 const SHARE_OF_MISFIT: f64 = 0.15;
@@ -26,14 +32,19 @@ fn has_bristle(now: &Hypothesis) -> bool {
     now.rig.effects.iter().any(|effect| effect.kind == EffectKind::Presliding)
 }
 
-/// True if `trial` explains enough to be believed.
-#[must_use]
-pub fn is_worth(base: &Hypothesis, trial: &Trial, explained_before: f64, context: &Context) -> bool {
+/// True if `trial` explains enough to be believed. `all`: the trials of its round.
+fn is_worth(base: &Hypothesis, (trial, all): (&Trial, &[Trial]), explained_before: f64, context: &Context) -> bool {
     let sure = compare(&trial.hypothesis, base, context);
     // A second effect must not live off the first one's imperfect form.
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
     let inexact = misfit || has_bristle(base);
-    let share = trial.gain >= if inexact { SHARE_OF_MISFIT } else { SHARE } * explained_before;
+    let other = |t: &Trial| t.candidate.effect != trial.candidate.effect && t.gain > NEARLY * trial.gain;
+    let least = match (inexact, all.iter().any(other)) {
+        (true, _) => SHARE_OF_MISFIT,
+        (false, true) => SHARE,
+        (false, false) => SHARE_ALONE,
+    };
+    let share = trial.gain >= least * explained_before;
     // Against smooth misfit chance has no measure: a tenth of the squares is the least that a user would notice.
     let noticed = !misfit || trial.gain > 0.1 * context.samples as f64;
     let admitted = noticed && !is_piece(base, trial, context);
@@ -110,16 +121,16 @@ pub fn is_patched(now: &Hypothesis, candidate: &Candidate) -> bool {
     EffectKind::from_id(candidate.effect).is_some_and(|kind| is_patch(&now.rig, kind))
 }
 
-/// True if `trial` is worth it and holds on recordings that it was not fitted to. `left_out`: of `now`, made when needed.
+/// True if `trial` is worth it and holds on recordings that it was not fitted to. `left_out`: of `now`, made when needed; `all`: the trials of its round.
 pub fn believed(
     now: &Hypothesis,
     left_out: &OnceCell<Option<LeftOut>>,
-    trial: &Trial,
+    (trial, all): (&Trial, &[Trial]),
     explained: f64,
     context: &Context,
     said: &mut impl FnMut(&str),
 ) -> bool {
-    if !is_worth(now, trial, explained, context) {
+    if !is_worth(now, (trial, all), explained, context) {
         return false;
     }
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);

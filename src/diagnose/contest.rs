@@ -6,9 +6,11 @@
 use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_cut_off, is_piece, is_sure};
 use crate::diagnose::carry::goes_on;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::stragglers::reseated;
 use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, worth};
 use crate::identify::fit::Limits;
-use crate::model::rig::Effect;
+use crate::model::rig::{Effect, Rig};
+use rayon::prelude::*;
 
 /// Swap and backward: every effect of `found` is exchanged for its close rivals in the company of the others, and
 /// left out; what is better stays.
@@ -43,18 +45,84 @@ pub fn contested(found: Hypothesis, mut added: Vec<Added>, context: &Context) ->
     (found, added)
 }
 
+/// The near rivals of every effect brought to rest as `found` was: a fit that was stopped early is behind for that alone, and
+/// what this data cannot tell apart would pass for told. Who then stands better takes the place.
+#[must_use]
+pub fn at_rest(mut found: Hypothesis, mut added: Vec<Added>, context: &Context) -> (Hypothesis, Vec<Added>) {
+    for (i, a) in added.iter_mut().enumerate() {
+        let total = |h: &Hypothesis| -> f64 { h.blocks(&found.noise).iter().sum() };
+        let comparable = |t: &&mut Trial| t.hypothesis.rig.effects.len() == found.rig.effects.len();
+        let near = |t: &&mut Trial| t.gain > NEARBY * a.gain && !t.candidate.is_same_as(&a.candidate);
+        let mut rivals: Vec<&mut Trial> = a.others.iter_mut().filter(comparable).filter(near).take(SETTLED).collect();
+        rivals.par_iter_mut().for_each(|trial| {
+            // From where it stands, and from where the answer does: a rival may have stopped in a false minimum.
+            let there = in_its_place(&found.rig, trial, context.given + i).map(|rig| found.extended(rig));
+            let here = (trial.hypothesis.problem.clone(), trial.hypothesis.point.clone());
+            for (problem, start) in there.into_iter().chain([here]) {
+                let finer = Hypothesis::fitted(problem, start, &found.noise, &context.floors, LAST);
+                let finer = finer.map(|f| reseated(&f, &context.floors).unwrap_or(f));
+                if let Some(finer) = finer.filter(|f| total(f) > total(&trial.hypothesis)) {
+                    trial.gain += total(&finer) - total(&trial.hypothesis);
+                    trial.hypothesis = finer;
+                }
+            }
+        });
+        let takes_it = |t: &Trial| {
+            let same_company = t.hypothesis.rig.effects.len() == found.rig.effects.len();
+            same_company
+                && is_better(&found, t, a, a.gain, context)
+                && is_admitted(&found, t, context.given + i, context)
+        };
+        let better = (0..a.others.len()).filter(|k| takes_it(&a.others[*k]));
+        let best = better.max_by(|j, k| total(&a.others[*j].hypothesis).total_cmp(&total(&a.others[*k].hypothesis)));
+        let Some(best) = best else { continue };
+        let winner = a.others.remove(best);
+        let candidate = std::mem::replace(&mut a.candidate, winner.candidate);
+        let loser = std::mem::replace(&mut found, winner.hypothesis);
+        a.others.insert(0, Trial { candidate, hypothesis: loser, gain: a.gain });
+        a.gain = winner.gain;
+    }
+    (found, added)
+}
+
+/// True if `trial` may stand in the place of effect `e`: no piece of a misfit, no number at the edge of its range, and what is
+/// inside goes on from window to window.
+fn is_admitted(found: &Hypothesis, trial: &Trial, e: usize, context: &Context) -> bool {
+    let goes_on = || {
+        !trial.candidate.has_inner_states()
+            || left_out(found, e, context).is_none_or(|without| goes_on(&without, &trial.hypothesis, &context.floors))
+    };
+    !is_piece(found, trial, context) && !trial.hypothesis.rig.effects.get(e).is_some_and(is_cut_off) && goes_on()
+}
+
+/// `rig` with the effect of `trial` in the place of effect `e`.
+fn in_its_place(rig: &Rig, trial: &Trial, e: usize) -> Option<Rig> {
+    let mut rig = rig.clone();
+    let is_its = |effect: &&Effect| effect.kind.id() == trial.candidate.effect && effect.at == trial.candidate.at;
+    *rig.effects.get_mut(e)? = trial.hypothesis.rig.effects.iter().rev().find(is_its)?.clone();
+    if trial.candidate.motor_sensor.is_some() {
+        rig.sensors.clone_from(&trial.hypothesis.rig.sensors);
+    }
+    Some(rig)
+}
+
+/// Part of an effect's gain from which a rival is brought to rest, how many are, and how.
+const NEARBY: f64 = 0.6;
+const SETTLED: usize = 4;
+const LAST: Limits = Limits { iterations: 25, tolerance: 1e-7 };
+
 /// True if `rival` should stand in the place of `added`, whose gain is `kept`.
 fn is_better(found: &Hypothesis, rival: &Trial, added: &Added, kept: f64, context: &Context) -> bool {
     let richer = LIMITS_OF.contains(&(added.candidate.effect, rival.candidate.effect));
     let least = if richer { (1.0 - ENOUGH) * kept } else { 0.0 };
-    compare(found, &rival.hypothesis, context).total < -least.max(10.0)
+    compare(found, &rival.hypothesis, context).total < -least.max(CLEARLY)
 }
 
 /// Part of the best rival's gain from which a rival is close.
 const CLOSE: f64 = 0.4;
 
 /// Part of an effect's own gain from which a rival is so near that company may turn the order round.
-const NEAR: f64 = 0.9;
+const NEAR: f64 = 0.75;
 
 /// Gain of the best rival.
 fn leading(added: &Added) -> f64 {
@@ -87,19 +155,64 @@ pub fn reconsidered(
     found
 }
 
+/// Two effects exchanged at once, each for one of its near rivals, where the last round left more than chance: of two wrong
+/// effects that make up for each other, neither can be exchanged alone (a spring and a ripple of order 12 for two ripples).
+#[must_use]
+pub fn paired(
+    mut found: Hypothesis,
+    added: &mut [Added],
+    last: &[Trial],
+    context: &Context,
+    said: &mut impl FnMut(&str),
+) -> Hypothesis {
+    if last.first().is_none_or(|leader| leader.gain < worth(context, leader.candidate.keys.len())) {
+        return found;
+    }
+    let rivals = |a: &Added| -> Vec<Trial> {
+        let near = |t: &&Trial| t.gain > NEAR * a.gain && !t.candidate.is_same_as(&a.candidate);
+        a.others.iter().filter(near).take(IN_PAIRS).cloned().collect()
+    };
+    for j in 1..added.len() {
+        for i in 0..j {
+            let (first, second) = (rivals(&added[i]), rivals(&added[j]));
+            let both: Vec<[&Trial; 2]> = first.iter().flat_map(|a| second.iter().map(move |b| [a, b])).collect();
+            let fitted = |[a, b]: [&Trial; 2]| {
+                let rig = in_its_place(&found.rig, a, context.given + i)?;
+                let (problem, start) = found.extended(in_its_place(&rig, b, context.given + j)?);
+                let limits = Limits { iterations: 10, tolerance: 1e-5 };
+                let fit = Hypothesis::fitted(problem, start, &found.noise, &context.floors, limits)?;
+                Some((compare(&fit, &found, context).total, fit, [a.candidate.clone(), b.candidate.clone()]))
+            };
+            let fits: Vec<_> = both.into_par_iter().filter_map(fitted).collect();
+            let best = fits.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(ahead, ..)| *ahead > CLEARLY);
+            let Some((ahead, better, candidates)) = best else { continue };
+            let names = candidates.each_ref().map(|c| c.effect);
+            said(&format!("   {} and {} instead of two: {ahead:.0} better", names[0], names[1]));
+            let old = std::mem::replace(&mut found, better);
+            for (k, candidate) in [i, j].into_iter().zip(candidates) {
+                let before = std::mem::replace(&mut added[k].candidate, candidate);
+                added[k]
+                    .others
+                    .insert(0, Trial { candidate: before, hypothesis: old.clone(), gain: added[k].gain - ahead });
+            }
+        }
+    }
+    found
+}
+
+/// Rivals of each of two effects that are tried together.
+const IN_PAIRS: usize = 3;
+
+/// Twice the log-likelihood from which a swap is better.
+const CLEARLY: f64 = 10.0;
+
 /// The rivals of effect `e` that gained more than `least`, fitted in its place, as far as they are believable; best first,
 /// gains relative to leaving it out.
 fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context, least: f64) -> Vec<Trial> {
     let admitted = added.others.iter().filter(|t| !is_piece(found, t, context));
     let close = admitted.filter(|t| t.gain > least).take(4);
     let one = |trial: &Trial| {
-        let mut rig = found.rig.clone();
-        let is_its = |effect: &&Effect| effect.kind.id() == trial.candidate.effect && effect.at == trial.candidate.at;
-        rig.effects[e] = trial.hypothesis.rig.effects.iter().rev().find(is_its)?.clone();
-        if trial.candidate.motor_sensor.is_some() {
-            rig.sensors.clone_from(&trial.hypothesis.rig.sensors);
-        }
-        let (problem, point) = found.extended(rig);
+        let (problem, point) = found.extended(in_its_place(&found.rig, trial, e)?);
         let limits = Limits { iterations: 10, tolerance: 1e-5 };
         let hypothesis = Hypothesis::fitted(problem, point, &found.noise, &context.floors, limits)?;
         let behind = compare(found, &hypothesis, context).total;

@@ -4,7 +4,7 @@
 
 use crate::diagnose::attribute::{Selection, forward};
 use crate::diagnose::base::{as_given, drop_spikes, fit_recordings, fitted, floors};
-use crate::diagnose::contest::contested;
+use crate::diagnose::contest::{at_rest, contested, paired};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::laws;
 use crate::diagnose::likelihood::{is_misfit, memory, samples, squares, white};
@@ -105,12 +105,14 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
         said("what passes for noise is slower than noise: again without");
         all = forward(&strict, None, &library, &context, &mut said);
     }
-    let Selection { base, found, added, last, cut_short } = all;
+    let Selection { base, found, mut added, last, cut_short } = all;
     let refit = compare(&base, &given, &context);
     let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
     said(&format!("re-fit gains {:.0}", refit.total));
+    let found = paired(found, &mut added, &last, &context, &mut said);
     let (found, added) = contested(found, added, &context);
     let found = settled(along_ridges(found, &context), &context);
+    let (found, added) = at_rest(found, added, &context);
     said("what is left");
     let strict = without_slow_noise(&base, &context).or_else(|| as_leader_hears(&base, &added, &last, &context));
     let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), &context, &mut said);
@@ -148,21 +150,17 @@ fn is_trapped(base: &Hypothesis, experiment: &Experiment) -> bool {
     !at_bounds(&base.clone().with_intervals(), &experiment.rig).is_empty()
 }
 
-/// Longest memory of noise, in samples. Healthy machines of other simulators, noise of any colour, come to 3.5; mismatches
-/// to 200.
-const LONGEST_MEMORY: f64 = 20.0;
-
-/// The same where the base stands at bounds, which a healthy machine's does not: filtered noise (a pole of .8) comes to 5.
-const LONGEST_TRAPPED: f64 = 6.0;
+/// Longest memory of noise, in samples. Healthy machines of other simulators come to 3.5, filtered noise (a pole of .8) to 5;
+/// mismatches to 200.
+const LONGEST_MEMORY: f64 = 6.0;
 
 /// `base` with its slow noise taken for mismatch, if it has any. A slow mismatch with white noise on top passes for noise of
 /// a long memory, and that swallows whatever would explain it (seen: nine times the noise called consistent).
 fn without_slow_noise(base: &Hypothesis, context: &Context) -> Option<Hypothesis> {
-    let longest_memory = if context.is_trapped { LONGEST_TRAPPED } else { LONGEST_MEMORY };
-    if base.noise.iter().all(|colour| memory(colour) <= longest_memory) {
+    if base.noise.iter().all(|colour| memory(colour) <= LONGEST_MEMORY) {
         return None;
     }
-    let problem = Problem { longest_memory, ..base.problem.clone() };
+    let problem = Problem { longest_memory: LONGEST_MEMORY, ..base.problem.clone() };
     Hypothesis::at(problem, base.point.clone(), base.information.clone(), &context.floors)
 }
 

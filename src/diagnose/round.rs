@@ -149,11 +149,12 @@ const CURIOSITY: u64 = 5;
 const CURIOUS: f64 = 2.0;
 
 /// All candidates of one round on top of `base`, best first by what they gain. `fitted`: the fit whose misfit is to be
-/// explained, `base` itself or a better one of the same rig.
+/// explained, `base` itself or a better one of the same rig. `earlier`: trials of a round from a worse fit of that rig, which
+/// stand where this round may not come to.
 #[must_use]
 pub fn round(
     base: &Hypothesis,
-    fitted: &Hypothesis,
+    (fitted, earlier): (&Hypothesis, Vec<Trial>),
     library: &[Candidate],
     context: &Context,
     mut said: impl FnMut(&str),
@@ -201,6 +202,9 @@ pub fn round(
         !has_more_states(base, hypothesis) || trial.gain > 0.0 && goes_on(base, hypothesis, &context.floors)
     };
     trials = all.filter(kept).collect();
+    trials.extend(earlier);
+    rank(base, &mut trials, context);
+    trials = best_of_each(trials);
     polish(base, &mut trials, context);
     trials
 }
