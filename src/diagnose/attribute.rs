@@ -4,7 +4,7 @@
 //! Forward: a round of trials, the best that is believed is kept, until none is. Then the contest swaps and leaves out.
 //! RT: no.
 
-use crate::diagnose::belief::{believed, is_patched, is_unresolved, simplest_first};
+use crate::diagnose::belief::{believed, is_patched, is_shaken, is_unresolved, simplest_first};
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::contest::reconsidered;
 use crate::diagnose::hypothesis::Hypothesis;
@@ -138,7 +138,10 @@ pub fn forward(
         }
         let left_out = OnceCell::new();
         let mut asked = 0..all.last.len().min(TRIED);
-        let told = |i: &usize| !is_unresolved(&all.found, &all.last[*i], &all.last, context);
+        let told = |i: &usize| {
+            let (trial, rivals) = (&all.last[*i], &all.last[..]);
+            !is_unresolved(&all.found, trial, rivals, context) && !is_shaken(trial, rivals, context)
+        };
         let believed = asked.find(|i| {
             let trial = (&all.last[*i], &all.last[..]);
             told(i) && believed(&all.found, &left_out, trial, explained, context, &mut said)

@@ -66,6 +66,19 @@ pub fn is_sure(candidate: &Candidate, gain: f64, sure: Difference, context: &Con
 /// Least gain of a single event in parts of [`worth`], where the blocks do not bear it out.
 const SINGLE: f64 = 1.5;
 
+/// True for a single event where an undamped resonance, which none is, gains far more: something shakes the machine, and a push
+/// fits a piece of that.
+#[must_use]
+pub fn is_shaken(trial: &Trial, all: &[Trial], context: &Context) -> bool {
+    let far = |t: &Trial| t.gain - trial.gain > (SHAKEN * trial.gain).max(worth(context, t.candidate.keys.len()));
+    let rings =
+        |t: &Trial| t.hypothesis.rig.effects.last().is_some_and(|e| e.get("frequency").is_some() && is_cut_off(e));
+    trial.candidate.only.is_some() && all.iter().any(|t| rings(t) && far(t))
+}
+
+/// Part of an event's gain that such a resonance is ahead.
+const SHAKEN: f64 = 0.25;
+
 /// A number at the edge of the range in which it was sought was not found (the design's "no bound hit"): a resonance
 /// there stands for a slower or faster motion that is none, one without damping for a vibration from elsewhere, a
 /// memory as long as a window for the start of each window. Nothing at all is no such edge.
@@ -200,7 +213,7 @@ pub const LIMITS_OF: &[(&str, &str)] = &[
 /// Part of the richer effect's gain that is enough for the simpler one.
 pub const ENOUGH: f64 = 0.95;
 
-/// Where a simpler limit of the leader gains nearly as much, the leader goes: what is left may still be added. Then the first
+/// Where a simpler limit of the leader gains nearly as much, the leader goes last: what is left may still be added. Then the first
 /// is who gains most for the numbers that it adds (Schwarz 1978; an initial state of a window brings 1 by chance).
 pub fn simplest_first(trials: &mut Vec<Trial>, context: &Context) {
     let Some(leader) = trials.first() else { return };
@@ -214,13 +227,14 @@ pub fn simplest_first(trials: &mut Vec<Trial>, context: &Context) {
         };
         trials.iter().position(close)
     });
-    if let Some(i) = simple {
+    let rich = simple.map(|i| {
         let simple = trials.remove(i);
-        trials[0] = simple;
-    }
+        std::mem::replace(&mut trials[0], simple)
+    });
     let net = |t: &Trial| t.gain - price(t, context);
     let best = trials.iter().enumerate().max_by(|a, b| net(a.1).total_cmp(&net(b.1))).map_or(0, |(i, _)| i);
     trials[..=best].rotate_right(1);
+    trials.extend(rich);
 }
 
 /// What a trial's numbers are worth by chance, in twice the log-likelihood.

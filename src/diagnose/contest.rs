@@ -169,7 +169,8 @@ pub fn paired(
         return found;
     }
     let rivals = |a: &Added| -> Vec<Trial> {
-        let near = |t: &&Trial| t.gain > NEAR * a.gain && !t.candidate.is_same_as(&a.candidate);
+        let richer = |t: &Trial| LIMITS_OF.contains(&(a.candidate.effect, t.candidate.effect));
+        let near = |t: &&Trial| t.gain > NEAR * a.gain && !t.candidate.is_same_as(&a.candidate) && !richer(t);
         a.others.iter().filter(near).take(IN_PAIRS).cloned().collect()
     };
     for j in 1..added.len() {

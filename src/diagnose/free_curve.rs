@@ -31,6 +31,9 @@ const MOST: u64 = 150_000_000;
 /// Least part of the listed effects' gain by which the curve must be ahead of them: a form is never exact.
 const AHEAD: f64 = 0.1;
 
+/// What a number brings by chance and a little more, in twice the log-likelihood.
+const CHANCE: f64 = 2.0;
+
 /// Points of the drawn law.
 const POINTS: usize = 120;
 
@@ -77,7 +80,12 @@ impl FreeCurve {
         let ahead = compare(&self.hypothesis, found, context);
         let numbers = self.hypothesis.point.parameters.len().saturating_sub(found.point.parameters.len());
         let listed = compare(&self.hypothesis, base, context).total - ahead.total;
-        ahead.low > 0.0 && ahead.total > worth(context, numbers).max(AHEAD * listed)
+        // Several ripples at one joint are a poor man's free curve, hardly a machine's: they need not be beaten by far.
+        let at = base.rig.mechanism.coordinates()[self.joint];
+        let is_ripple = |e: &&Effect| e.kind == EffectKind::TorqueRipple && e.at == at;
+        let patched = found.rig.effects[base.rig.effects.len()..].iter().filter(is_ripple).count() > 1;
+        let least = if patched { CHANCE * numbers as f64 } else { worth(context, numbers).max(AHEAD * listed) };
+        ahead.low > 0.0 && ahead.total > least
     }
 
     /// The force over the travel with its band of 95 %.

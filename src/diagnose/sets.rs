@@ -2,7 +2,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::belief::is_cut_off;
+use crate::diagnose::belief::{LIMITS_OF, is_cut_off};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{Difference, is_misfit};
 use crate::diagnose::sentence;
@@ -26,6 +26,10 @@ const SEEN: f64 = 30.0;
 
 /// The same where the winner leaves more than noise: then its own form is seen to be inexact.
 const FORM_OF_MISFIT: f64 = 0.1;
+
+/// A number more brings less than this by chance, in twice the log-likelihood: past it, what the answer is the limit of (an
+/// offset of a spring) stands beside the answer, though it does not gain what would be worth naming it alone.
+const BY_CHANCE: f64 = 12.0;
 
 /// Most members of a set.
 const MEMBERS: usize = 4;
@@ -94,7 +98,9 @@ fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), contex
     let inseparable = d.total < chance || d.total < form;
     // A trial of an earlier round has fewer effects than the winner: it says nothing in this company.
     // One number more and no better: the simpler one says the same.
-    let simple = trial.candidate.keys.len() <= winner.rig.effects[place].kind.keys().len();
+    let mine = winner.rig.effects[place].kind;
+    let more_of_it = LIMITS_OF.contains(&(mine.id(), trial.candidate.effect)) && d.total < -BY_CHANCE;
+    let simple = trial.candidate.keys.len() <= mine.keys().len() || more_of_it;
     let comparable = simple && trial.hypothesis.rig.effects.len() == winner.rig.effects.len();
     // A memory as long as its range allows stands for the start of each window, in the winner's place as in its own.
     let cut_off = trial.candidate.has_inner_states() && trial.hypothesis.rig.effects.get(place).is_some_and(is_cut_off);
