@@ -7,7 +7,7 @@ use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_cut_off, is_piece, is_sure};
 use crate::diagnose::carry::goes_on;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::stragglers::reseated;
-use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, worth};
+use crate::diagnose::tried::{Added, Context, MOST_EFFORT, Trial, compare, left_out, worth};
 use crate::identify::fit::Limits;
 use crate::model::rig::{Effect, Rig};
 use rayon::prelude::*;
@@ -155,8 +155,9 @@ pub fn reconsidered(
     found
 }
 
-/// Two effects exchanged at once, each for one of its near rivals, where the last round left more than chance: of two wrong
-/// effects that make up for each other, neither can be exchanged alone (a spring and a ripple of order 12 for two ripples).
+/// Two effects exchanged at once where the last round left more than chance: of two wrong effects that make up for each other,
+/// neither can be exchanged alone (two ripples for a spring and a ripple of order 12), and what is then found too late (a
+/// push, after two that stand for a limit of the torque) has no place.
 #[must_use]
 pub fn paired(
     mut found: Hypothesis,
@@ -165,32 +166,40 @@ pub fn paired(
     context: &Context,
     said: &mut impl FnMut(&str),
 ) -> Hypothesis {
-    if last.first().is_none_or(|leader| leader.gain < worth(context, leader.candidate.keys.len())) {
+    let counts = |t: &&Trial| t.gain > worth(context, t.candidate.keys.len());
+    let late: Vec<&Trial> = last.iter().filter(counts).take(LATE).collect();
+    if late.is_empty() || found.problem.effort.spent() > MOST_EFFORT / 5 * 4 {
         return found;
     }
-    let rivals = |a: &Added| -> Vec<Trial> {
-        let richer = |t: &Trial| LIMITS_OF.contains(&(a.candidate.effect, t.candidate.effect));
-        let near = |t: &&Trial| t.gain > NEAR * a.gain && !t.candidate.is_same_as(&a.candidate) && !richer(t);
-        a.others.iter().filter(near).take(IN_PAIRS).cloned().collect()
-    };
     for j in 1..added.len() {
         for i in 0..j {
+            let stays =
+                |k: usize| Trial { candidate: added[k].candidate.clone(), hypothesis: found.clone(), gain: 0.0 };
             let (first, second) = (rivals(&added[i]), rivals(&added[j]));
-            let both: Vec<[&Trial; 2]> = first.iter().flat_map(|a| second.iter().map(move |b| [a, b])).collect();
+            let firsts: Vec<Trial> = [vec![stays(i)], first].concat();
+            let seconds: Vec<Trial> = [vec![stays(j)], second, late.iter().copied().cloned().collect()].concat();
+            let pairs = firsts.iter().flat_map(|a| seconds.iter().map(move |b| [a, b])).skip(1);
+            let different = |[a, b]: &[&Trial; 2]| !a.candidate.is_same_as(&b.candidate);
+            let pairs: Vec<[&Trial; 2]> = pairs.filter(different).collect();
             let fitted = |[a, b]: [&Trial; 2]| {
                 let rig = in_its_place(&found.rig, a, context.given + i)?;
                 let (problem, start) = found.extended(in_its_place(&rig, b, context.given + j)?);
                 let limits = Limits { iterations: 10, tolerance: 1e-5 };
                 let fit = Hypothesis::fitted(problem, start, &found.noise, &context.floors, limits)?;
-                Some((compare(&fit, &found, context).total, fit, [a.candidate.clone(), b.candidate.clone()]))
+                let cut_off = [i, j].map(|k| fit.rig.effects.get(context.given + k).is_some_and(is_cut_off));
+                let ahead = compare(&fit, &found, context).total;
+                (cut_off == [false; 2]).then(|| (ahead, fit, [a.candidate.clone(), b.candidate.clone()]))
             };
-            let fits: Vec<_> = both.into_par_iter().filter_map(fitted).collect();
+            let fits: Vec<_> = pairs.into_par_iter().filter_map(fitted).collect();
             let best = fits.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(ahead, ..)| *ahead > CLEARLY);
             let Some((ahead, better, candidates)) = best else { continue };
             let names = candidates.each_ref().map(|c| c.effect);
             said(&format!("   {} and {} instead of two: {ahead:.0} better", names[0], names[1]));
             let old = std::mem::replace(&mut found, better);
             for (k, candidate) in [i, j].into_iter().zip(candidates) {
+                if candidate.is_same_as(&added[k].candidate) {
+                    continue;
+                }
                 let before = std::mem::replace(&mut added[k].candidate, candidate);
                 added[k]
                     .others
@@ -201,8 +210,26 @@ pub fn paired(
     found
 }
 
-/// Rivals of each of two effects that are tried together.
-const IN_PAIRS: usize = 3;
+/// The rivals of `added` that are tried in pairs, one for each effect and place.
+fn rivals(added: &Added) -> Vec<Trial> {
+    let richer = |t: &Trial| LIMITS_OF.contains(&(added.candidate.effect, t.candidate.effect));
+    let close = |t: &&Trial| t.gain > HALF * added.gain && !t.candidate.is_same_as(&added.candidate) && !richer(t);
+    let mut out: Vec<Trial> = Vec::new();
+    for trial in added.others.iter().filter(close) {
+        let alike = |t: &Trial| t.candidate.effect == trial.candidate.effect && t.candidate.at == trial.candidate.at;
+        if out.len() < IN_PAIRS && (trial.gain > NEAR * added.gain || !out.iter().any(alike)) {
+            out.push(trial.clone());
+        }
+    }
+    out
+}
+
+/// Part of an effect's gain from which a rival is tried in a pair.
+const HALF: f64 = 0.5;
+
+/// Rivals of each of two effects that are tried together, and what the last round adds to those of the second.
+const IN_PAIRS: usize = 4;
+const LATE: usize = 3;
 
 /// Twice the log-likelihood from which a swap is better.
 const CLEARLY: f64 = 10.0;
