@@ -291,7 +291,7 @@ fn finish(dice: &mut Dice, lab: &Lab, level: Level, effects: Vec<Effect>) -> Cas
         Level::Off => off(dice, &lab.rig),
         Level::Refitted | Level::Gentle | Level::Crowded => near(&refitted.rig, &lab.rig),
     };
-    let accepted = (0..effects.len()).map(|of| answers_or_unlisted(lab, &effects, of)).collect();
+    let accepted = (0..effects.len()).map(|of| answers_or_unlisted(lab, &effects, of, kind)).collect();
     let visibility = if effects.is_empty() { 0.0 } else { lab.remains(&effects) };
     let heldout = recoverable(&refitted, &recordings, &noisy);
     let readings = noisy.iter().map(|signals| spoil(dice, &lab.rig, signals, nuisance)).collect();
@@ -299,8 +299,8 @@ fn finish(dice: &mut Dice, lab: &Lab, level: Level, effects: Vec<Effect>) -> Cas
     Case { physics, published, level, recordings, readings, accepted, visibility, heldout, noise: kind, nuisance }
 }
 
-fn answers_or_unlisted(lab: &Lab, effects: &[Effect], of: usize) -> Vec<(String, String)> {
-    if effects[of].is_outside() { Vec::new() } else { twins::answers(lab, effects, of) }
+fn answers_or_unlisted(lab: &Lab, effects: &[Effect], of: usize, kind: NoiseKind) -> Vec<(String, String)> {
+    if effects[of].is_outside() { Vec::new() } else { twins::answers(lab, effects, of, kind) }
 }
 
 /// `fitted` no farther from `truth` than whoever publishes bounds believes: they must hold the truth.

@@ -48,6 +48,9 @@ pub(super) struct Reading {
 /// Index of an effect that acts at no joint and no sensor.
 pub(super) const NONE: usize = usize::MAX;
 
+/// Stiffness of a spring that is none, Nm/rad.
+const SOFT: f64 = 1e-6;
+
 /// Families outside the library.
 pub(super) const OUTSIDE: [&str; 3] = ["magnet_detent", "base_vibration", "payload_step"];
 
@@ -133,6 +136,11 @@ impl Effect {
             // A spring between a leg and the ground: the biped's joint is its hip.
             "parallel_spring" if self.is_at_leg() => {
                 machine.setup_springs.push((self.index, self.get("stiffness"), self.get("rest")));
+                return;
+            }
+            // A soft spring that rests far away.
+            "torque_offset" if self.is_at_leg() => {
+                machine.setup_springs.push((self.index, SOFT, self.get("torque") / SOFT));
                 return;
             }
             _ => {}

@@ -89,13 +89,19 @@ fn row_before(t: f64) -> usize {
     (t / ROW_S + 1e-9).max(0.0) as usize
 }
 
-/// Torques of the motors at a time, from the rows that were commanded.
-fn motor(machine: &Machine, commands: &[Pair], t: f64) -> Pair {
+/// Mean torques of the motors over a step from `t` on, from the rows that were commanded.
+fn motor(machine: &Machine, commands: &[Pair], t: f64, h: f64) -> Pair {
     let mut torque = [0.0; 2];
     for (i, joint) in machine.joints.iter().enumerate() {
-        let row = row_before(t - joint.delay_s).min(commands.len() - 1);
-        let wanted = joint.gain * commands[row][i];
-        torque[i] = if joint.limit > 0.0 { wanted.clamp(-joint.limit, joint.limit) } else { wanted };
+        let of_row = |row: usize| {
+            let wanted = joint.gain * commands[row.min(commands.len() - 1)][i];
+            if joint.limit > 0.0 { wanted.clamp(-joint.limit, joint.limit) } else { wanted }
+        };
+        // A late command changes within a step: a delay in whole steps could not be fitted.
+        let (from_s, to_s) = (t - joint.delay_s, t + h - joint.delay_s);
+        let next = row_before(from_s) + 1;
+        let after = ((to_s - next as f64 * ROW_S) / h).clamp(0.0, 1.0);
+        torque[i] = (1.0 - after) * of_row(next - 1) + after * of_row(next);
     }
     torque
 }
@@ -137,7 +143,7 @@ fn run_told(
         for i in 0..per_row {
             let t = start_s + i as f64 * h;
             trail.fine.push((state.q(), state.v()));
-            machine.step(&mut state, motor(machine, commands, t + 0.5 * h), t, h);
+            machine.step(&mut state, motor(machine, commands, t, h), t, h);
         }
     }
     trail.fine.push((state.q(), state.v()));
@@ -191,13 +197,15 @@ fn lagged(signal: Vec<f64>, lag_s: f64, h: f64) -> Vec<f64> {
         return signal;
     }
     let keep = libm::exp(-h / lag_s);
-    let mut level = signal[0] - lag_s * (signal[1] - signal[0]) / h;
-    let follow = |value: f64| {
-        let now = level;
-        level = value + keep * (level - value);
-        now
-    };
-    signal.into_iter().map(follow).collect()
+    let mut behind = lag_s * (signal[1] - signal[0]) / h;
+    let mut out = vec![signal[0] - behind];
+    for pair in signal.windows(2) {
+        // Behind a ramp of this slope for long.
+        let settled = lag_s * (pair[1] - pair[0]) / h;
+        behind = settled + keep * (behind - settled);
+        out.push(pair[1] - behind);
+    }
+    out
 }
 
 /// Between samples linearly; before the first along the first slope.
@@ -270,7 +278,7 @@ pub(super) fn free_run(physics: &Physics, recording: &Recording, window: usize, 
     // The drive and the bristles are those of this machine, not of the one that was recorded.
     let fresh = machine.start(start.q(), start.v());
     start.y = fresh.y;
-    start.torque = motor(&machine, &commands, from_s);
+    start.torque = motor(&machine, &commands, from_s, machine.step_s());
     if let Some(walker) = machine.walker() {
         start.feet.told = true;
         walker.stand(&mut start);

@@ -253,25 +253,34 @@ impl Machine {
         if self.walker().is_none() {
             self.relax(state, time_s, h / 2.0);
         }
-        for (i, joint) in self.joints.iter().enumerate() {
-            let keep = if joint.lag_s > 0.0 { libm::exp(-h / joint.lag_s) } else { 0.0 };
-            state.torque[i] = motor[i] + keep * (state.torque[i] - motor[i]);
-        }
+        let torque = self.behind_lag(state, motor, h);
         if let Some(walker) = self.walker() {
-            return walker.step(state, state.torque[0], time_s, h);
+            return walker.step(state, torque[0], time_s, h);
         }
-        let frozen = Frozen { z: state.z, torque: state.torque, dry: self.dry(state, time_s, h) };
+        let frozen = Frozen { z: state.z, torque, dry: self.dry(state, torque, time_s, h) };
         state.y = runge_kutta(state.y, time_s, h, |y, t| self.slope(y, &frozen, t));
         self.relax(state, time_s + h, h / 2.0);
     }
 
+    /// The mean over one step of what leaves the lags, which go on to its end.
+    fn behind_lag(&self, state: &mut State, motor: Pair, h: f64) -> Pair {
+        let mut mean = motor;
+        for (i, joint) in self.joints.iter().enumerate() {
+            let keep = if joint.lag_s > 0.0 { libm::exp(-h / joint.lag_s) } else { 0.0 };
+            let behind = state.torque[i] - motor[i];
+            mean[i] += behind * (1.0 - keep) * joint.lag_s / h;
+            state.torque[i] = motor[i] + keep * behind;
+        }
+        mean
+    }
+
     /// Dry friction over one step: what brings the joint to rest at the end of it, if the level allows; else the level.
-    fn dry(&self, state: &State, time_s: f64, h: f64) -> Pair {
+    fn dry(&self, state: &State, torque: Pair, time_s: f64, h: f64) -> Pair {
         let mut dry = [0.0; 2];
         if !self.joints.iter().any(Joint::sticks) {
             return dry;
         }
-        let free = self.slope(&state.y, &Frozen { z: state.z, torque: state.torque, dry }, time_s);
+        let free = self.slope(&state.y, &Frozen { z: state.z, torque, dry }, time_s);
         let sum = self.equations_at(&state.y, time_s);
         let gives = |joint: &Joint| solve(sum.mass, joint.along, self.all_held());
         for _ in 0..SWEEPS {
@@ -284,7 +293,7 @@ impl Machine {
                 let rate = dot(joint.along, state.v());
                 let ahead = rate + h * dot(joint.along, acceleration);
                 let stopping = ahead / (h * dot(joint.along, gives(joint)));
-                let carried = 0.5 * (state.torque[i] + sum.bias[i]);
+                let carried = 0.5 * (torque[i] + sum.bias[i]);
                 let level = joint.level(if rate == 0.0 { ahead } else { rate }, carried, time_s);
                 dry[i] = stopping.clamp(-level, level);
             }

@@ -10,6 +10,9 @@ use super::rig::Kind;
 /// Most Gauss-Newton rounds; one that brings less than this part is the last.
 const ROUNDS: usize = 12;
 const BRINGS: f64 = 0.02;
+/// The same for a refit that starts from afar and is compared to a few deviations of noise.
+const ROUNDS_FAR: usize = 40;
+const BRINGS_FAR: f64 = 0.002;
 /// A step that goes uphill is halved at most so often.
 const HALVINGS: u8 = 3;
 /// A parameter changes at most by this factor per round.
@@ -189,32 +192,45 @@ pub(super) fn detectability(physics: &Physics, recordings: &[&Recording], signal
 /// Re-fits the free values (`values` false: only the initial states) to `signals`.
 pub(super) fn refit(physics: &Physics, recordings: &[&Recording], signals: &[&[Vec<f64>]], values: bool) -> Fit {
     let free = if values { free_values(physics) } else { Vec::new() };
-    fitted(physics, recordings, signals, &free, false)
+    fitted(physics, recordings, signals, &free, Care { seats: false, rounds: ROUNDS, brings: BRINGS })
 }
 
 /// Re-fits all free values, and where that halts each window by itself: slower, for what decides.
 pub(super) fn refit_well(physics: &Physics, recordings: &[&Recording], signals: &[&[Vec<f64>]]) -> Fit {
-    fitted(physics, recordings, signals, &free_values(physics), true)
+    fitted(physics, recordings, signals, &free_values(physics), Care { seats: true, rounds: ROUNDS, brings: BRINGS })
 }
 
-fn fitted(physics: &Physics, recordings: &[&Recording], signals: &[&[Vec<f64>]], free: &[Free], seats: bool) -> Fit {
+/// Re-fits all free values from afar, to the last digit that counts.
+pub(super) fn refit_far(physics: &Physics, recordings: &[&Recording], signals: &[&[Vec<f64>]]) -> Fit {
+    let care = Care { seats: false, rounds: ROUNDS_FAR, brings: BRINGS_FAR };
+    fitted(physics, recordings, signals, &free_values(physics), care)
+}
+
+/// How much is done for a refit: windows seated for themselves, rounds, and what one must bring.
+struct Care {
+    seats: bool,
+    rounds: usize,
+    brings: f64,
+}
+
+fn fitted(physics: &Physics, recordings: &[&Recording], signals: &[&[Vec<f64>]], free: &[Free], care: Care) -> Fit {
     let mut fit = Fit { physics: physics.clone(), starts: starts_of(recordings), chi2: f64::INFINITY };
     let mut here = blocks(&fit.physics, recordings, signals, &fit.starts, free);
     fit.chi2 = energy(&here);
-    for _ in 0..ROUNDS {
+    for _ in 0..care.rounds {
         let (step, _) = value_step(&here, free.len());
         let stepped = (0..=HALVINGS).find_map(|halved| {
             let next = moved(&fit, &here, &(&step * libm::exp2(-f64::from(halved))), free);
             lower(next, &fit, recordings, signals)
         });
         let walks = physics.rig.kind == Kind::Walker;
-        let stuck = seats && (walks || stepped.as_ref().is_none_or(|next| next.chi2 > (1.0 - BRINGS) * fit.chi2));
+        let stuck = care.seats && (walks || stepped.as_ref().is_none_or(|next| next.chi2 > (1.0 - BRINGS) * fit.chi2));
         let mut next = stepped.unwrap_or_else(|| fit.clone());
         if stuck {
             seat(&mut next, recordings, signals);
         }
         let Some(next) = lower(next, &fit, recordings, signals) else { break };
-        let is_last = next.chi2 > (1.0 - BRINGS) * fit.chi2;
+        let is_last = next.chi2 > (1.0 - care.brings) * fit.chi2;
         fit = next;
         if is_last {
             break;

@@ -5,15 +5,18 @@
 //! what is not.
 
 use super::case::Lab;
-use super::dice::Dice;
+use super::dice::{Dice, NoiseKind};
 use super::draw;
 use super::effect::{Effect, NONE};
 use super::experiment::{ROW_S, Recording};
-use super::refit::refit;
+use super::refit::refit_far;
 use super::rig::Kind;
 
-/// An alternative that leaves less than this cannot be told apart: five standard deviations.
+/// An alternative that leaves less than this cannot be told apart: five standard deviations of white noise.
 const SAME: f64 = 25.0;
+
+/// How many samples of coloured noise (a pole of .8) say as much of what is slow as one of white noise.
+const COLOURED: f64 = 9.0;
 
 /// A lookalike that, taken linearly, leaves more than this part of the truth is none and is not fitted.
 const UNLIKE: f64 = 0.3;
@@ -34,9 +37,11 @@ pub(super) fn exact(lab: &Lab, truth: &Effect) -> Vec<(String, String)> {
     accepted
 }
 
-/// Beside exact twins, what fits these recordings to within the noise in the place of effect number `of`, the others there.
-pub(super) fn answers(lab: &Lab, effects: &[Effect], of: usize) -> Vec<(String, String)> {
+/// Beside exact twins, what fits these recordings to within noise of that `kind` in the place of effect number `of`, the
+/// others there.
+pub(super) fn answers(lab: &Lab, effects: &[Effect], of: usize, kind: NoiseKind) -> Vec<(String, String)> {
     let truth = &effects[of];
+    let told_apart = if kind == NoiseKind::Coloured { COLOURED * SAME } else { SAME };
     let mut accepted = exact(lab, truth);
     let recordings = lab.roughly_fitted(effects);
     let fit: Vec<&Recording> = recordings.iter().collect();
@@ -49,12 +54,12 @@ pub(super) fn answers(lab: &Lab, effects: &[Effect], of: usize) -> Vec<(String, 
     };
     for other in lookalikes(lab, truth) {
         // A derivative knows no sense and no size: one round instead of twenty.
-        if lab.left_by(&beside(other.stronger(FAINT)), effects) > (UNLIKE * seen).max(SAME) {
+        if lab.left_by(&beside(other.stronger(FAINT)), effects) > (UNLIKE * seen).max(told_apart) {
             continue;
         }
         let same = |start: &Effect| {
             let Some(start) = lab.about_as_visible(start, seen) else { return false };
-            refit(&lab.rough(&beside(start)), &fit, &recorded, true).chi2 < SAME
+            refit_far(&lab.rough(&beside(start)), &fit, &recorded).chi2 < told_apart
         };
         if same(&other) || other.turned().is_some_and(|turned| same(&turned)) {
             accepted.push((other.id.to_owned(), other.at));
@@ -83,7 +88,11 @@ fn lookalikes(lab: &Lab, truth: &Effect) -> Vec<Effect> {
         "sensor_delay" => here("sensor_lag"),
         "stribeck_friction" => [here("quadratic_drag"), here("load_friction")].concat(),
         "quadratic_drag" | "load_friction" => here("stribeck_friction"),
-        "parallel_spring" => here("torque_offset").into_iter().filter(|_| truth.index < lab.rig.joints.len()).collect(),
+        "parallel_spring" => {
+            let angles = lab.rig.sensors.iter().enumerate().filter(|(_, sensor)| !sensor.is_rate);
+            let biases = angles.map(|(i, sensor)| ("sensor_bias", i, sensor.column.to_owned()));
+            here("torque_offset").into_iter().chain(biases).collect()
+        }
         // On a rail without Coulomb friction a constant force is a constant speed more.
         "torque_offset" | "friction_asymmetry" if lab.rig.joints.len() == 1 && !walks => reading("sensor_drift"),
         "sensor_drift" if lab.rig.joints.len() == 1 && !walks => {
@@ -106,7 +115,9 @@ fn lookalikes(lab: &Lab, truth: &Effect) -> Vec<Effect> {
         "sensor_bias" if walks => [here("encoder_eccentricity"), on_ground("ground_slope")].concat(),
         "sensor_bias" => {
             let joints = (0..lab.rig.joints.len()).map(|i| ("torque_offset", i, lab.rig.joints[i].0.to_owned()));
-            here("encoder_eccentricity").into_iter().chain(joints).collect()
+            let legs = ["inner", "outer"].into_iter().enumerate().filter(|_| lab.rig.kind == Kind::Biped);
+            let legs = legs.map(|(i, leg)| ("torque_offset", i, leg.to_owned()));
+            here("encoder_eccentricity").into_iter().chain(joints).chain(legs).collect()
         }
         "torque_offset" | "friction_asymmetry" if !walks => {
             lab.rig.sensors.iter().enumerate().map(|(i, sensor)| ("sensor_bias", i, sensor.column.to_owned())).collect()
