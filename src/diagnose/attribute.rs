@@ -4,6 +4,7 @@
 //! Forward: a round of trials, the best that is believed is kept, until none is. Then the contest swaps and leaves out.
 //! RT: no.
 
+use crate::diagnose::base::anew;
 use crate::diagnose::belief::{believed, is_patched, is_shaken, is_unresolved, simplest_first};
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::contest::reconsidered;
@@ -13,6 +14,8 @@ use crate::diagnose::round::{merged, round};
 use crate::diagnose::tried::{Added, Context, MOST_EFFORT, Trial, compare, left_out, removed, worth};
 use crate::diagnose::unlisted::PATCHES;
 use crate::diagnose::valley::wandered;
+use crate::model::rig::Rig;
+use rayon::prelude::*;
 use std::cell::OnceCell;
 
 /// Most effects that are added.
@@ -89,9 +92,41 @@ fn unstuck(now: &Hypothesis, mut trial: Trial, context: &Context, said: &mut imp
     trial
 }
 
-/// Forward selection from `base`. `also`: another place from which the first effect is sought too.
+/// Leaders of a first round that are fitted anew, and the part of the first one's gain from which they are.
+const ANEW: usize = 3;
+const LEADS: f64 = 0.3;
+
+/// The leaders of a first round that leave misfit, fitted once more from the numbers of `given`: what is missing has led the
+/// base astray, windows and all, and from there not even the truth finds back (a walker whose encoder jumped). True if one
+/// stands better then.
+fn anew_from(given: &Rig, all: &mut Selection, context: &Context) -> bool {
+    let most = all.last.first().map_or(0.0, |t| t.gain);
+    let leads = |t: &&Trial| t.gain > (LEADS * most).max(worth(context, t.candidate.keys.len()));
+    let leaders: Vec<&Trial> = all.last.iter().filter(leads).take(ANEW).collect();
+    let one = |trial: &Trial| {
+        let from = &trial.hypothesis;
+        if !is_misfit(&from.residuals, &context.floors) {
+            return None;
+        }
+        let mut rig = given.clone();
+        rig.effects.push(from.rig.effects.last()?.clone());
+        rig.sensors.clone_from(&from.rig.sensors);
+        let hypothesis = anew(&from.problem, &rig, &context.floors)?;
+        let further = hypothesis.likelihood - from.likelihood > worth(context, 0);
+        further.then(|| Trial { hypothesis, ..trial.clone() })
+    };
+    let better: Vec<Trial> = leaders.into_par_iter().filter_map(one).collect();
+    let found = !better.is_empty();
+    if found {
+        all.last = merged(&all.found, better, std::mem::take(&mut all.last), context);
+    }
+    found
+}
+
+/// Forward selection from `base`, which is `given` with its numbers fitted. `also`: another place from which the first effect
+/// is sought too.
 pub fn forward(
-    base: &Hypothesis,
+    (given, base): (&Rig, &Hypothesis),
     also: Option<&Hypothesis>,
     mut library: impl FnMut(&Hypothesis) -> Vec<Candidate>,
     context: &Context,
@@ -127,9 +162,14 @@ pub fn forward(
         }
         simplest_first(&mut all.last, context);
         // Before the recordings left out are asked: what they say of a false minimum is as false.
-        if restarts < RESTARTS
-            && let Some(better) = shaken_by_leader(&all, context)
-        {
+        let mut shaken = shaken_by_leader(&all, context).filter(|_| restarts < RESTARTS);
+        if shaken.is_some() && all.added.is_empty() && anew_from(given, &mut all, context) {
+            said("   fitted anew from the numbers as given");
+            tell(&all.last, context, &mut said);
+            simplest_first(&mut all.last, context);
+            shaken = shaken_by_leader(&all, context);
+        }
+        if let Some(better) = shaken {
             said(&format!("   {} only shook the fit free: again from there", all.last[0].candidate.effect));
             restarts += 1;
             stood = std::mem::take(&mut all.last);

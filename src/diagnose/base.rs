@@ -13,6 +13,7 @@ use crate::identify::rollout::Pooled;
 use crate::model::rig::{Rig, Sensor, Use};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Horizons of the first stages, s (model notes §9).
 const HORIZONS_S: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
@@ -138,6 +139,16 @@ fn settled(problem: &Problem, rough: &[Colour], floors: &[f64]) -> Option<Hypoth
         now = better(Hypothesis::fitted(problem.clone(), rescued, &noise, floors, limits), Some(now))?;
     }
     Some(reseated(&now, floors).unwrap_or(now))
+}
+
+/// `rig` fitted from its own numbers to the recordings of `of`, from the first look on; the work is counted there.
+#[must_use]
+pub fn anew(of: &Problem, rig: &Rig, floors: &[f64]) -> Option<Hypothesis> {
+    let pooled = Pooled::of(rig, of.recordings.iter());
+    let fresh = fitted(rig, &of.recordings, &pooled, floors)?;
+    of.effort.add(fresh.problem.effort.spent());
+    let problem = Problem { effort: Arc::clone(&of.effort), longest_memory: of.longest_memory, ..fresh.problem };
+    Hypothesis::at(problem, fresh.point, fresh.information, floors)
 }
 
 /// The rig as it is: only the initial states are fitted.

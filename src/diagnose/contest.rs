@@ -6,6 +6,7 @@
 use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_cut_off, is_piece, is_sure};
 use crate::diagnose::carry::goes_on;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::stragglers::reseated;
 use crate::diagnose::tried::{Added, Context, MOST_EFFORT, Trial, compare, left_out, worth};
 use crate::identify::fit::Limits;
@@ -46,9 +47,13 @@ pub fn contested(found: Hypothesis, mut added: Vec<Added>, context: &Context) ->
 }
 
 /// The near rivals of every effect brought to rest as `found` was: a fit that was stopped early is behind for that alone, and
-/// what this data cannot tell apart would pass for told. Who then stands better takes the place.
+/// what this data cannot tell apart would pass for told. Who then stands better takes the place. Not where misfit stays: there
+/// no form is the true one, and who bends to it best (a ripple of some order) is not who is missing.
 #[must_use]
 pub fn at_rest(mut found: Hypothesis, mut added: Vec<Added>, context: &Context) -> (Hypothesis, Vec<Added>) {
+    if is_misfit(&found.residuals, &context.floors) {
+        return (found, added);
+    }
     for (i, a) in added.iter_mut().enumerate() {
         let total = |h: &Hypothesis| -> f64 { h.blocks(&found.noise).iter().sum() };
         let comparable = |t: &&mut Trial| t.hypothesis.rig.effects.len() == found.rig.effects.len();
@@ -188,7 +193,9 @@ pub fn paired(
                 let fit = Hypothesis::fitted(problem, start, &found.noise, &context.floors, limits)?;
                 let cut_off = [i, j].map(|k| fit.rig.effects.get(context.given + k).is_some_and(is_cut_off));
                 let ahead = compare(&fit, &found, context).total;
-                (cut_off == [false; 2]).then(|| (ahead, fit, [a.candidate.clone(), b.candidate.clone()]))
+                // Where misfit stays no form is the true one, and a swap tells nothing.
+                let exact = !is_misfit(&fit.residuals, &context.floors);
+                (exact && cut_off == [false; 2]).then(|| (ahead, fit, [a.candidate.clone(), b.candidate.clone()]))
             };
             let fits: Vec<_> = pairs.into_par_iter().filter_map(fitted).collect();
             let best = fits.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(ahead, ..)| *ahead > CLEARLY);

@@ -98,18 +98,18 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
         candidates(now, &scales, [&fine, &coarse], &windows)
     };
     let also = context.is_trapped.then(|| given.counted_with(&base));
-    let mut all = forward(&base, also.as_ref(), &library, &context, &mut said);
+    let mut all = forward((&experiment.rig, &base), also.as_ref(), &library, &context, &mut said);
     if all.added.is_empty()
         && let Some(strict) = without_slow_noise(&all.base, &context)
     {
         said("what passes for noise is slower than noise: again without");
-        all = forward(&strict, None, &library, &context, &mut said);
+        all = forward((&experiment.rig, &strict), None, &library, &context, &mut said);
     } else if is_slow(&all.found)
         && base.problem.effort.spent() < MOST_EFFORT / 2
         && let Some(strict) = without_slow_noise(&all.base, &context)
     {
         said("what is left is slower than noise: again without");
-        let other = forward(&strict, None, &library, &context, &mut said);
+        let other = forward((&experiment.rig, &strict), None, &library, &context, &mut said);
         if !other.added.is_empty() && !is_slow(&allowed_any(&other.found, &context)) {
             said("   that leaves nothing but noise");
             all = other;

@@ -10,6 +10,7 @@ use crate::diagnose::scales::{JointScale, Scales};
 use crate::diagnose::scan::{Hit, jump, linear, push, ripple};
 use crate::diagnose::screen::Screen;
 use crate::diagnose::tangent::Tangent;
+use crate::identify::noise::spread;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{MechanismKind, Side};
 
@@ -54,8 +55,48 @@ pub fn candidates(
         });
         all.extend(of.and_then(|j| kick_candidate(now, scales, windows, (j, &hit))));
         all.push(jump_candidate(now, scales, windows, (channel, &hit)));
+        all.extend(sharp_jump(now, scales, channel));
     }
     all
+}
+
+/// Times the usual scatter from which a step between two rows is sharp.
+const SHARP: f64 = 8.0;
+
+/// Rows on either side of a step from which its slope is told.
+const BESIDE: usize = 3;
+
+/// Where the reading itself steps from one row to the next as no other two rows do: a base that the jump led astray shows it
+/// somewhere else.
+fn sharp_jump(now: &Hypothesis, scales: &Scales, channel: usize) -> Option<Candidate> {
+    let step = |y: &[f64]| {
+        let (before, after) = (y[BESIDE] - y[0], y[2 * BESIDE + 1] - y[BESIDE + 1]);
+        y[BESIDE + 1] - y[BESIDE] - 0.5 * (before + after) / BESIDE as f64
+    };
+    let steps: Vec<(usize, usize, f64)> = now
+        .problem
+        .recordings
+        .iter()
+        .enumerate()
+        .flat_map(|(r, recording)| {
+            let runs = recording.measured[channel].windows(2 * BESIDE + 2).map(step).enumerate();
+            runs.map(move |(k, step)| (r, k + BESIDE + 1, step)).collect::<Vec<_>>()
+        })
+        .filter(|(.., step)| step.is_finite())
+        .collect();
+    let scatter = spread(&steps.iter().map(|(.., step)| *step).collect::<Vec<f64>>());
+    let (r, k, step) = steps.into_iter().max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()))?;
+    let (recording, column) = (&now.problem.recordings[r], &now.rig.sensors[channel].column);
+    let time = recording.times[k] - 0.5 * scales.step_s;
+    let jump = single(
+        "lost_counts",
+        column,
+        Some(recording.name.clone()),
+        ("step", step),
+        [time, time],
+        vec![vec![step, time]],
+    );
+    (step.abs() > SHARP * scatter).then_some(jump)
 }
 
 /// True if the rig has this effect at this place as a free number already. A known one (a spring of the set-up) may

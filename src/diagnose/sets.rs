@@ -99,7 +99,8 @@ fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), contex
     // A trial of an earlier round has fewer effects than the winner: it says nothing in this company.
     // One number more and no better: the simpler one says the same.
     let mine = winner.rig.effects[place].kind;
-    let more_of_it = LIMITS_OF.contains(&(mine.id(), trial.candidate.effect)) && d.total < -BY_CHANCE;
+    let exact = !is_misfit(&winner.residuals, &context.floors);
+    let more_of_it = exact && LIMITS_OF.contains(&(mine.id(), trial.candidate.effect)) && d.total < -BY_CHANCE;
     let simple = trial.candidate.keys.len() <= mine.keys().len() || more_of_it;
     let comparable = simple && trial.hypothesis.rig.effects.len() == winner.rig.effects.len();
     // A memory as long as its range allows stands for the start of each window, in the winner's place as in its own.

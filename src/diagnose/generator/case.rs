@@ -149,10 +149,15 @@ impl Lab {
 
     /// The same after a whole re-fit instead of its first step: what may be asked of a diagnosis.
     fn remains(&self, effects: &[Effect]) -> f64 {
+        self.remains_beside(&[], effects)
+    }
+
+    /// The same where the base knows of some effects.
+    fn remains_beside(&self, known: &[Effect], effects: &[Effect]) -> f64 {
         let recordings = self.roughly_fitted(effects);
         let fit: Vec<&Recording> = recordings.iter().collect();
         let signals: Vec<&[Vec<f64>]> = fit.iter().map(|r| r.clean.as_slice()).collect();
-        refit_well(&self.rough(&[]), &fit, &signals).chi2.min(self.visibility(effects))
+        refit_well(&self.rough(known), &fit, &signals).chi2.min(self.left_by(known, effects))
     }
 
     /// What re-fitting the base with `known` leaves of `effects`.
@@ -233,8 +238,8 @@ fn hide(dice: &mut Dice, lab: &Lab, level: Level, healthy: bool) -> Option<Vec<E
     if level == Level::Crowded && dice.chance(0.5) {
         let first = effects[0].id;
         effects.push(visible(dice, lab, false, Some(first))?);
-        let alone = |i: usize| lab.left_by(&effects[1 - i..2 - i], &effects);
-        if (0..2).any(|i| alone(i).is_nan() || alone(i) < FAINT) {
+        let alone = |i: usize| lab.remains_beside(&effects[1 - i..2 - i], &effects);
+        if (0..2).map(alone).any(|left| left.is_nan() || left < FAINT) {
             return None;
         }
     }
