@@ -4,6 +4,7 @@
 //! recordings that were never fitted → [`verdict`].
 //! RT: no.
 
+pub mod at_rest;
 pub mod attribute;
 pub mod base;
 pub mod belief;
@@ -23,6 +24,7 @@ pub mod lines;
 pub mod localise;
 pub mod narrow;
 pub mod own;
+pub mod pairs;
 pub mod pipeline;
 pub mod propose;
 pub mod prove;

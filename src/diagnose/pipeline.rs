@@ -2,14 +2,16 @@
 //!
 //! RT: no.
 
+use crate::diagnose::at_rest::at_rest;
 use crate::diagnose::attribute::{Selection, forward};
 use crate::diagnose::base::{as_given, drop_spikes, fit_recordings, fitted, floors};
-use crate::diagnose::contest::{at_rest, contested, paired};
+use crate::diagnose::contest::contested;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::laws;
 use crate::diagnose::likelihood::{is_misfit, memory, samples, squares, white};
 use crate::diagnose::linearise::tangents;
 use crate::diagnose::localise::places;
+use crate::diagnose::pairs::paired;
 use crate::diagnose::propose::candidates;
 use crate::diagnose::prove::{Models, proof};
 use crate::diagnose::ridge::along_ridges;

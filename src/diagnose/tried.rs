@@ -117,3 +117,68 @@ pub fn at_zero(trial: &Trial) -> bool {
     let Some(effect) = trial.hypothesis.rig.effects.last() else { return true };
     effect.values.iter().all(|v| v.value == 0.0)
 }
+
+/// For tests: a pendulum shaken for 2 s that hides something, and fits of what may stand for it.
+#[cfg(test)]
+pub(crate) mod worked {
+    use super::{Added, Context, Trial};
+    use crate::diagnose::candidates::Candidate;
+    use crate::diagnose::hypothesis::Hypothesis;
+    use crate::identify::fit::Limits;
+    use crate::identify::noise::Colour;
+    use crate::identify::problem::Problem;
+    use crate::identify::synthesis::record;
+    use crate::model::rig::{Rig, Side};
+
+    const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
+        [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\nnoise_std = 0.001\n\
+        [[effect]]\neffect = \"viscous_friction\"\nat = \"q1\"\nviscous = { value = 0.02, min = 0.0, max = 0.2 }\n";
+
+    /// What is worked on.
+    pub(crate) struct Shown {
+        pub context: Context,
+        pub problem: Hidden,
+    }
+
+    /// Samples of a machine that hides something.
+    pub(crate) struct Hidden(Vec<f64>);
+
+    /// The samples of a machine with `hidden` effects, noise of a milliradian on top.
+    pub(crate) fn shown(hidden: &str) -> Shown {
+        let blank = Problem::shaken(RIG, None, vec![0.0; 200]).recordings[0].clone();
+        let truth = Rig::parse(&format!("{RIG}{hidden}"), "truth").unwrap();
+        let measured = record(&truth, &blank, &[0.3, 0.0], Some(7)).unwrap().measured.swap_remove(0);
+        let context = Context { floors: vec![1e-5], samples: 200, given: 1, is_trapped: false, seed: 1 };
+        Shown { context, problem: Hidden(measured) }
+    }
+
+    impl Hidden {
+        /// The machine with `effects` beside its own, fitted for so many steps.
+        pub(crate) fn fitted(&self, effects: &str, iterations: usize, context: &Context) -> Hypothesis {
+            let problem = Problem::shaken(&format!("{RIG}{effects}"), None, self.0.clone());
+            let (start, limits) = (problem.start(), Limits { iterations, tolerance: 1e-7 });
+            Hypothesis::fitted(problem, start, &[Colour::white(0.001)], &context.floors, limits).unwrap()
+        }
+
+        fn candidate(effect: &'static str, at: &str) -> Candidate {
+            let (keys, starts) = (Vec::new(), Vec::new());
+            Candidate { effect, at: at.into(), keys, starts, only: None, motor_sensor: None, side: Side::Link }
+        }
+
+        pub(crate) fn trial(
+            &self,
+            effect: &'static str,
+            at: &str,
+            text: &str,
+            iterations: usize,
+            gain: f64,
+            context: &Context,
+        ) -> Trial {
+            Trial { candidate: Self::candidate(effect, at), hypothesis: self.fitted(text, iterations, context), gain }
+        }
+
+        pub(crate) fn added(&self, effect: &'static str, at: &str, gain: f64, others: Vec<Trial>) -> Added {
+            Added { candidate: Self::candidate(effect, at), others, gain, removed: 0.5 }
+        }
+    }
+}

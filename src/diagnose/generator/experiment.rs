@@ -287,3 +287,32 @@ pub(super) fn free_run(physics: &Physics, recording: &Recording, window: usize, 
     let readings = physics.readings(recording.number);
     physics.rig.sensors.iter().zip(&readings).map(|(s, r)| read(&trail, s, r, from_s)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::rig;
+    use super::*;
+    use crate::diagnose::generator::dice::Dice;
+
+    #[test]
+    fn a_late_command_acts_for_its_part_of_a_step() {
+        let mut machine =
+            Physics { rig: rig::draw(&mut Dice::new(1, 0), rig::Kind::Rotor), effects: Vec::new(), coarse: 1.0 }
+                .machine(0);
+        let (gain, h) = (machine.joints[0].gain, ROW_S / 10.0);
+        let commands = [[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]];
+        let at = |machine: &Machine, t: f64| motor(machine, &commands, t, h)[0] / gain;
+        assert!(at(&machine, ROW_S - h).abs() < 1e-9 && (at(&machine, ROW_S) - 1.0).abs() < 1e-9);
+        machine.joints[0].delay_s = 0.25 * h;
+        assert!((at(&machine, ROW_S) - 0.75).abs() < 1e-6 && (at(&machine, 2.0 * ROW_S) - 2.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_lag_stays_behind_a_ramp_by_its_time_whatever_the_step() {
+        for h in [1e-4, 1e-3, 1e-2] {
+            let ramp: Vec<f64> = (0..50).map(|k| 2.0 * h * f64::from(k)).collect();
+            let out = lagged(ramp.clone(), 0.003, h);
+            assert!(ramp.iter().zip(&out).all(|(x, y)| (x - y - 2.0 * 0.003).abs() < 1e-12), "{h}");
+        }
+    }
+}
