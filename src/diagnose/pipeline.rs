@@ -21,7 +21,7 @@ use crate::diagnose::sentence;
 use crate::diagnose::sets::{answered, rejected};
 use crate::diagnose::suspicion::{at_bounds, contradicted, no_common_machine, suspicions, unfollowed};
 use crate::diagnose::tables::{estimates, headline, parameter_lines, ranking, undetermined_combinations};
-use crate::diagnose::tried::{Added, Context, MOST_EFFORT, Trial, compare, removed, worth};
+use crate::diagnose::tried::{Added, Context, Trial, compare, removed, worth};
 use crate::diagnose::unlisted::{Unlisted, unexplained};
 use crate::diagnose::valley::wandered;
 use crate::diagnose::verdict::{Diagnosis, Findings, Law, Missing, Trace, Verdict, verdict_of};
@@ -106,16 +106,6 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     {
         said("what passes for noise is slower than noise: again without");
         all = forward((&experiment.rig, &strict), None, &library, &context, &mut said);
-    } else if is_slow(&all.found)
-        && base.problem.effort.spent() < MOST_EFFORT / 2
-        && let Some(strict) = without_slow_noise(&all.base, &context)
-    {
-        said("what is left is slower than noise: again without");
-        let other = forward((&experiment.rig, &strict), None, &library, &context, &mut said);
-        if !other.added.is_empty() && !is_slow(&allowed_any(&other.found, &context)) {
-            said("   that leaves nothing but noise");
-            all = other;
-        }
     }
     let Selection { base, found, mut added, last, cut_short } = all;
     let refit = compare(&base, &given, &context);
@@ -166,22 +156,10 @@ fn is_trapped(base: &Hypothesis, experiment: &Experiment) -> bool {
 /// mismatches to 200.
 const LONGEST_MEMORY: f64 = 6.0;
 
-/// True if the noise of `of` stands for longer than noise does.
-fn is_slow(of: &Hypothesis) -> bool {
-    of.noise.iter().any(|colour| memory(colour) > LONGEST_MEMORY)
-}
-
-/// `strict` with noise of any memory.
-fn allowed_any(strict: &Hypothesis, context: &Context) -> Hypothesis {
-    let problem = Problem { longest_memory: f64::INFINITY, ..strict.problem.clone() };
-    let any = Hypothesis::at(problem, strict.point.clone(), strict.information.clone(), &context.floors);
-    any.unwrap_or_else(|| strict.clone())
-}
-
 /// `base` with its slow noise taken for mismatch, if it has any. A slow mismatch with white noise on top passes for noise of
 /// a long memory, and that swallows whatever would explain it (seen: nine times the noise called consistent).
 fn without_slow_noise(base: &Hypothesis, context: &Context) -> Option<Hypothesis> {
-    if !is_slow(base) {
+    if base.noise.iter().all(|colour| memory(colour) <= LONGEST_MEMORY) {
         return None;
     }
     let problem = Problem { longest_memory: LONGEST_MEMORY, ..base.problem.clone() };
