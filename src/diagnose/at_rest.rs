@@ -2,6 +2,7 @@
 //!
 //! RT: no.
 
+use crate::diagnose::allowance::{allowance, within};
 use crate::diagnose::belief::{is_cut_off, is_piece};
 use crate::diagnose::carry::goes_on;
 use crate::diagnose::contest::{in_its_place, is_better};
@@ -25,6 +26,7 @@ pub fn at_rest(mut found: Hypothesis, mut added: Vec<Added>, context: &Context) 
     if is_misfit(&found.residuals, &context.floors) {
         return (found, added);
     }
+    let most = allowance(&found);
     for (i, a) in added.iter_mut().enumerate() {
         let total = |h: &Hypothesis| -> f64 { h.blocks(&found.noise).iter().sum() };
         let comparable = |t: &&mut Trial| t.hypothesis.rig.effects.len() == found.rig.effects.len();
@@ -35,7 +37,7 @@ pub fn at_rest(mut found: Hypothesis, mut added: Vec<Added>, context: &Context) 
             let there = in_its_place(&found.rig, trial, context.given + i).map(|rig| found.extended(rig));
             let here = (trial.hypothesis.problem.clone(), trial.hypothesis.point.clone());
             for (problem, start) in there.into_iter().chain([here]) {
-                let finer = Hypothesis::fitted(problem, start, &found.noise, &context.floors, LAST);
+                let finer = within(most, &found, problem, start, (&found.noise, LAST), context);
                 let finer = finer.map(|f| reseated(&f, &context.floors).unwrap_or(f));
                 if let Some(finer) = finer.filter(|f| total(f) > total(&trial.hypothesis)) {
                     trial.gain += total(&finer) - total(&trial.hypothesis);

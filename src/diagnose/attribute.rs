@@ -140,20 +140,26 @@ pub fn forward(
         let spent = all.found.problem.effort.spent();
         // Another round begins only if it should end in time, by what the last one took: an answer with fewer effects is
         // better than none.
+        let earlier = std::mem::take(&mut stood);
         if last_cost > 0 && spent + last_cost > MOST_EFFORT {
             said("no time for another round");
-            (all.last, all.cut_short) = (Vec::new(), true);
-            return all;
-        }
-        let candidates = library(&all.found);
-        said(&format!("{} candidates", candidates.len()));
-        let earlier = std::mem::take(&mut stood);
-        all.last = round(&all.found, (&all.found, earlier), &candidates, context, &mut said);
-        last_cost = all.found.problem.effort.spent() - spent;
-        if let Some(also) = also.filter(|_| all.added.is_empty()) {
-            said("the same from the numbers as given");
-            let more = round(also, (&all.found, Vec::new()), &library(also), context, &mut said);
-            all.last = merged(&all.found, std::mem::take(&mut all.last), more, context);
+            all.cut_short = true;
+            if earlier.is_empty() {
+                all.last = Vec::new();
+                return all;
+            }
+            // What was fitted on top of a worse base stands all the same.
+            all.last = merged(&all.found, Vec::new(), earlier, context);
+        } else {
+            let candidates = library(&all.found);
+            said(&format!("{} candidates", candidates.len()));
+            all.last = round(&all.found, (&all.found, earlier), &candidates, context, &mut said);
+            last_cost = all.found.problem.effort.spent() - spent;
+            if let Some(also) = also.filter(|_| all.added.is_empty()) {
+                said("the same from the numbers as given");
+                let more = round(also, (&all.found, Vec::new()), &library(also), context, &mut said);
+                all.last = merged(&all.found, std::mem::take(&mut all.last), more, context);
+            }
         }
         tell(&all.last, context, &mut said);
         let patches = all.added.iter().filter(|a| is_patched(&all.found, &a.candidate)).count();

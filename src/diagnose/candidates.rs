@@ -187,7 +187,7 @@ fn transmission(j: &JointScale) -> Vec<Candidate> {
     }
     let stiffest = j.inertia * (tau * 300.0) * (tau * 300.0);
     let rotor = Key { name: "rotor_inertia", min: 0.003 * j.inertia, max: 0.97 * j.inertia, log: true };
-    let gaps = [0.002, 0.01, 0.05];
+    let gaps = [0.0004, 0.002, 0.01, 0.05];
     vec![
         candidate(
             "joint_elasticity",

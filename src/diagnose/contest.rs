@@ -3,12 +3,14 @@
 //!
 //! RT: no.
 
+use crate::diagnose::allowance::{allowance, within};
 use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_cut_off, is_piece, is_sure};
 use crate::diagnose::carry::goes_on;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, worth};
 use crate::identify::fit::Limits;
 use crate::model::rig::{Effect, Rig};
+use rayon::prelude::*;
 
 /// Swap and backward: every effect of `found` is exchanged for its close rivals in the company of the others, and
 /// left out; what is better stays.
@@ -105,15 +107,15 @@ pub(super) const CLEARLY: f64 = 10.0;
 /// gains relative to leaving it out.
 fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context, least: f64) -> Vec<Trial> {
     let admitted = added.others.iter().filter(|t| !is_piece(found, t, context));
-    let close = admitted.filter(|t| t.gain > least).take(4);
-    let one = |trial: &Trial| {
+    let close: Vec<&Trial> = admitted.filter(|t| t.gain > least).take(4).collect();
+    let (most, limits) = (allowance(found), Limits { iterations: 10, tolerance: 1e-5 });
+    let one = |trial: &&Trial| {
         let (problem, point) = found.extended(in_its_place(&found.rig, trial, e)?);
-        let limits = Limits { iterations: 10, tolerance: 1e-5 };
-        let hypothesis = Hypothesis::fitted(problem, point, &found.noise, &context.floors, limits)?;
+        let hypothesis = within(most, found, problem, point, (&found.noise, limits), context)?;
         let behind = compare(found, &hypothesis, context).total;
         Some(Trial { candidate: trial.candidate.clone(), hypothesis, gain: added.gain - behind })
     };
-    let mut out: Vec<Trial> = close.filter_map(one).collect();
+    let mut out: Vec<Trial> = close.par_iter().filter_map(one).collect();
     out.retain(|trial| !is_cut_off(&trial.hypothesis.rig.effects[e]));
     if out.iter().any(|trial| trial.candidate.has_inner_states()) {
         let without = left_out(found, e, context);

@@ -4,6 +4,7 @@
 //! recordings that were never fitted → [`verdict`].
 //! RT: no.
 
+mod allowance;
 pub mod at_rest;
 pub mod attribute;
 pub mod base;

@@ -111,9 +111,13 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let refit = compare(&base, &given, &context);
     let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
     said(&format!("re-fit gains {:.0}", refit.total));
+    said("pairs exchanged");
     let found = paired(found, &mut added, &last, &context, &mut said);
+    said("each exchanged and left out");
     let (found, added) = contested(found, added, &context);
+    said("last fit");
     let found = settled(along_ridges(found, &context), &context);
+    said("last fit of the rivals");
     let (found, added) = at_rest(found, added, &context);
     said("what is left");
     let strict = without_slow_noise(&base, &context).or_else(|| as_leader_hears(&base, &added, &last, &context));

@@ -30,12 +30,20 @@ pub fn candidates(
     let screen = fine;
     let mut all: Vec<Candidate> = library(scales).into_iter().filter(|c| !stands(now, c)).collect();
     let peaks_hz = peaks_hz(&now.residuals, windows);
+    let narrow = |c: &Candidate, joint: &JointScale| {
+        c.at == joint.name && ["link_flexibility", "joint_elasticity"].contains(&c.effect)
+    };
+    let mut rings: Vec<(usize, Vec<Hit<(f64, f64)>>)> = Vec::new();
     for (j, joint) in scales.joints.iter().enumerate() {
-        let narrow = |c: &Candidate| c.at == joint.name && ["link_flexibility", "joint_elasticity"].contains(&c.effect);
-        if all.iter().any(narrow) {
+        if all.iter().any(|c| narrow(c, joint)) {
             let lines = lines(now, scales, (screen, windows), j, &peaks_hz);
-            all.iter_mut().filter(|c| narrow(c)).for_each(|c| start_at_lines(c, joint, &lines));
+            all.iter_mut().filter(|c| narrow(c, joint)).for_each(|c| start_at_lines(c, joint, &lines));
+            rings.push((j, lines));
         }
+    }
+    for (j, lines) in &rings {
+        let elsewhere = |c: &&mut Candidate| c.effect == "link_flexibility" && c.at != scales.joints[*j].name;
+        all.iter_mut().filter(elsewhere).for_each(|mode| start_at_other_lines(mode, lines));
     }
     for spring in all.iter_mut().filter(|c| c.effect == "parallel_spring") {
         if let Some(j) = scales.joints.iter().position(|joint| joint.name == spring.at) {
@@ -148,6 +156,16 @@ fn start_at_lines(candidate: &mut Candidate, joint: &JointScale, lines: &[Hit<(f
         // A stiff, well damped joint rings nowhere: its grid stays.
         candidate.starts.extend(starts);
     }
+}
+
+/// Shares of a link's inertia that a mode may have whose line another link showed better.
+const MODE_SHARES: [f64; 2] = [0.03, 0.15];
+
+/// A mode shakes the neighbours, too, and what the base has bent to may hide its line where it belongs.
+fn start_at_other_lines(mode: &mut Candidate, lines: &[Hit<(f64, f64)>]) {
+    let Some(hit) = lines.first() else { return };
+    let starts = MODE_SHARES.map(|share| vec![hit.at.0, hit.at.1, share]);
+    mode.starts.extend(starts.map(|s| s.iter().zip(&mode.keys).map(|(x, k)| x.clamp(k.min, k.max)).collect()));
 }
 
 /// The force of a spring is linear in its stiffness and in stiffness times rest, but bent in the two themselves: from a

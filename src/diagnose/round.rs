@@ -4,6 +4,7 @@
 //! parameters from the base solution, and ranked under the noise that the best of them leaves.
 //! RT: no.
 
+use crate::diagnose::allowance::{allowance, within};
 use crate::diagnose::candidates::{Candidate, look_alike};
 use crate::diagnose::carry::{goes_on, has_more_states};
 use crate::diagnose::hypothesis::Hypothesis;
@@ -12,13 +13,10 @@ use crate::diagnose::screen::{Column, Own, Screen};
 use crate::diagnose::stragglers::reseated;
 use crate::diagnose::thin::{Thin, thinned};
 use crate::diagnose::tried::{Context, MOST_EFFORT, Trial, with_effect, worth};
-use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit};
+use crate::identify::fit::{FreeRuns, Limits, Series};
 use crate::identify::noise::Colour;
-use crate::identify::problem::Problem;
-use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Scope, Slot};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// Candidates that are fitted in full per round.
 const FITTED: usize = 5;
@@ -207,52 +205,6 @@ pub fn round(
     trials = best_of_each(trials);
     polish(base, &mut trials, context);
     trials
-}
-
-/// A candidate's fit may cost so many linearisations of the model that it is added to. A stiff spring that is the answer
-/// takes up to 40 (ten times the steps, four linearisations); a play that chatters or a spring that runs off to a rod
-/// would take thousands. Who is cut off stands with what it has reached.
-const LINEARISATIONS: u64 = 100;
-/// The same when the search has gone on for long.
-const LEAST_LINEARISATIONS: u64 = 40;
-
-/// Part of what is left of [`MOST_EFFORT`] that one fit may take: of the dozens of a round, few need their allowance.
-const SHARE: u64 = 8;
-
-/// What a candidate's fit on the windows of `base` may cost.
-fn allowance(base: &Hypothesis) -> u64 {
-    let linearisation = base.cost_of_linearisation();
-    let share = MOST_EFFORT.saturating_sub(base.problem.effort.spent()) / SHARE;
-    share.clamp(LEAST_LINEARISATIONS * linearisation, LINEARISATIONS * linearisation)
-}
-
-/// A fit that may cost `most`; what it costs is counted by `base`.
-fn within(
-    most: u64,
-    base: &Hypothesis,
-    problem: Problem,
-    point: Point,
-    (noise, limits): (&[Colour], Limits),
-    context: &Context,
-) -> Option<Hypothesis> {
-    let limited = problem.clone().with_allowance(most);
-    let fit = fit(&limited, point, &problem.bounds(), noise, limits);
-    // How far the windows were when they gave up is chance; the effort that is told is not.
-    base.problem.effort.add(limited.effort.spent().min(limited.effort.patience()));
-    let problem = Problem { effort: Arc::clone(&base.problem.effort), ..problem };
-    let hypothesis =
-        fit.cost.is_finite().then(|| Hypothesis::at(problem, fit.point, fit.information, &context.floors))?;
-    hypothesis.filter(|h| !is_slack(h))
-}
-
-/// Fewer swings than this within a window are no resonance that the window shows.
-const LEAST_SWINGS: f64 = 0.5;
-
-/// True for a spring so soft that within a window it moves nothing: the link then coasts from its fitted start, which
-/// explains any slow motion and no force.
-fn is_slack(of: &Hypothesis) -> bool {
-    let hz = of.rig.effects.last().and_then(|effect| resonance_hz(&of.rig, effect));
-    hz.is_some_and(|hz| hz * of.problem.longest_s() < LEAST_SWINGS)
 }
 
 /// `trial` fitted on from where it stands, under another noise.
