@@ -332,3 +332,29 @@ fn jump_candidate(
     let column = &now.rig.sensors[channel].column;
     single("lost_counts", column, file(now, &windows[w]), ("step", step), [time, time], vec![vec![step, time]])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::screen::Score;
+
+    #[test]
+    fn a_mode_starts_at_the_best_line_of_another_link_within_its_range() {
+        let key = |name, min, max| Key { name, min, max, log: false };
+        let mut mode = Candidate {
+            effect: "link_flexibility",
+            at: "q2".into(),
+            keys: vec![key("frequency", 1.5, 200.0), key("damping", 0.002, 0.5), key("participation", 0.0, 0.1)],
+            starts: vec![vec![2.0, 0.08, 0.003]],
+            only: None,
+            motor_sensor: None,
+            side: Side::Link,
+        };
+        let line =
+            |hz: f64| Hit { at: (hz, 0.03), score: Score { gain: 1.0, amplitudes: vec![0.2], deviations: vec![0.1] } };
+        start_at_other_lines(&mut mode, &[line(23.8), line(7.0)]);
+        assert_eq!(mode.starts, [vec![2.0, 0.08, 0.003], vec![23.8, 0.03, 0.03], vec![23.8, 0.03, 0.1]]);
+        start_at_other_lines(&mut mode, &[]);
+        assert_eq!(mode.starts.len(), 3);
+    }
+}
