@@ -17,6 +17,9 @@ use crate::model::rig::{MechanismKind, Side};
 /// Largest number of periods per turn (or per travel) of a torque ripple that is looked for.
 const MOST_PERIODS: usize = 60;
 
+/// A frequency, Hz, and a damping ratio at which something rings.
+type Line = Hit<(f64, f64)>;
+
 /// Every candidate on top of `now` that is not in its rig already. `fine`, `coarse`: under the noise that the residual
 /// shows, and under white noise of its size. While something is missing the first takes what is slow in it for noise,
 /// the second what is fast.
@@ -33,7 +36,7 @@ pub fn candidates(
     let narrow = |c: &Candidate, joint: &JointScale| {
         c.at == joint.name && ["link_flexibility", "joint_elasticity"].contains(&c.effect)
     };
-    let mut rings: Vec<(usize, Vec<Hit<(f64, f64)>>)> = Vec::new();
+    let mut rings: Vec<(usize, Vec<Line>)> = Vec::new();
     for (j, joint) in scales.joints.iter().enumerate() {
         if all.iter().any(|c| narrow(c, joint)) {
             let lines = lines(now, scales, (screen, windows), j, &peaks_hz);
@@ -124,7 +127,7 @@ fn lines(
     (screen, windows): (&Screen, &[Tangent]),
     j: usize,
     peaks_hz: &[f64],
-) -> Vec<Hit<(f64, f64)>> {
+) -> Vec<Line> {
     // The second link of a chain turns by the sum of both angles.
     let chain = now.rig.mechanism == MechanismKind::DoublePendulum && j == 1;
     let absolute = if chain { vec![0, 1] } else { vec![j] };
@@ -135,12 +138,12 @@ fn lines(
 const ROTOR_SHARES: [f64; 3] = [0.05, 0.12, 0.3];
 
 /// A mode or a spring has a narrow line, which a coarse grid would miss: it starts where a dense scan finds one.
-fn start_at_lines(candidate: &mut Candidate, joint: &JointScale, lines: &[Hit<(f64, f64)>]) {
-    let omega = |hit: &Hit<(f64, f64)>| 2.0 * std::f64::consts::PI * hit.at.0;
+fn start_at_lines(candidate: &mut Candidate, joint: &JointScale, lines: &[Line]) {
+    let omega = |hit: &Line| 2.0 * std::f64::consts::PI * hit.at.0;
     let starts: Vec<Vec<f64>> = if candidate.effect == "link_flexibility" {
         lines.iter().map(|hit| vec![hit.at.0, hit.at.1, hit.score.amplitudes[0].clamp(0.003, 0.5)]).collect()
     } else {
-        let spring = |hit: &Hit<(f64, f64)>, share: f64| {
+        let spring = |hit: &Line, share: f64| {
             let reduced = share * (1.0 - share) * joint.inertia;
             vec![reduced * omega(hit).powi(2), 2.0 * hit.at.1 * reduced * omega(hit), share * joint.inertia]
         };
@@ -162,7 +165,7 @@ fn start_at_lines(candidate: &mut Candidate, joint: &JointScale, lines: &[Hit<(f
 const MODE_SHARES: [f64; 2] = [0.03, 0.15];
 
 /// A mode shakes the neighbours, too, and what the base has bent to may hide its line where it belongs.
-fn start_at_other_lines(mode: &mut Candidate, lines: &[Hit<(f64, f64)>]) {
+fn start_at_other_lines(mode: &mut Candidate, lines: &[Line]) {
     let Some(hit) = lines.first() else { return };
     let starts = MODE_SHARES.map(|share| vec![hit.at.0, hit.at.1, share]);
     mode.starts.extend(starts.map(|s| s.iter().zip(&mode.keys).map(|(x, k)| x.clamp(k.min, k.max)).collect()));
