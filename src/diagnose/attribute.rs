@@ -138,9 +138,9 @@ pub fn forward(
     let mut stood: Vec<Trial> = Vec::new();
     loop {
         let spent = all.found.problem.effort.spent();
+        let earlier = std::mem::take(&mut stood);
         // Another round begins only if it should end in time, by what the last one took: an answer with fewer effects is
         // better than none.
-        let earlier = std::mem::take(&mut stood);
         if last_cost > 0 && spent + last_cost > MOST_EFFORT {
             said("no time for another round");
             all.cut_short = true;

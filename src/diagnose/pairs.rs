@@ -2,6 +2,7 @@
 //!
 //! RT: no.
 
+use crate::diagnose::allowance::{allowance, within};
 use crate::diagnose::belief::{LIMITS_OF, is_cut_off};
 use crate::diagnose::contest::{CLEARLY, NEAR, in_its_place};
 use crate::diagnose::hypothesis::Hypothesis;
@@ -26,6 +27,7 @@ pub fn paired(
     if late.is_empty() || found.problem.effort.spent() > MOST_EFFORT / 5 * 4 {
         return found;
     }
+    let (most, limits) = (allowance(&found), Limits { iterations: 10, tolerance: 1e-5 });
     for j in 1..added.len() {
         for i in 0..j {
             let stays =
@@ -39,8 +41,7 @@ pub fn paired(
             let fitted = |[a, b]: [&Trial; 2]| {
                 let rig = in_its_place(&found.rig, a, context.given + i)?;
                 let (problem, start) = found.extended(in_its_place(&rig, b, context.given + j)?);
-                let limits = Limits { iterations: 10, tolerance: 1e-5 };
-                let fit = Hypothesis::fitted(problem, start, &found.noise, &context.floors, limits)?;
+                let fit = within(most, &found, problem, start, (&found.noise, limits), context)?;
                 let cut_off = [i, j].map(|k| fit.rig.effects.get(context.given + k).is_some_and(is_cut_off));
                 let ahead = compare(&fit, &found, context).total;
                 // Where misfit stays no form is the true one, and a swap tells nothing.
