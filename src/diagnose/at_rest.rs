@@ -3,7 +3,7 @@
 //! RT: no.
 
 use crate::diagnose::allowance::{allowance, within};
-use crate::diagnose::belief::{is_cut_off, is_piece};
+use crate::diagnose::belief::{is_found, is_piece};
 use crate::diagnose::carry::goes_on;
 use crate::diagnose::contest::{in_its_place, is_better};
 use crate::diagnose::hypothesis::Hypothesis;
@@ -70,7 +70,7 @@ fn is_admitted(found: &Hypothesis, trial: &Trial, e: usize, context: &Context) -
         !trial.candidate.has_inner_states()
             || left_out(found, e, context).is_none_or(|without| goes_on(&without, &trial.hypothesis, &context.floors))
     };
-    !is_piece(found, trial, context) && !trial.hypothesis.rig.effects.get(e).is_some_and(is_cut_off) && goes_on()
+    !is_piece(found, trial, context) && is_found(&trial.hypothesis, e, context) && goes_on()
 }
 
 #[cfg(test)]

@@ -135,13 +135,15 @@ pub fn forward(
     let (added, last) = (Vec::new(), Vec::new());
     let mut all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
     let (mut explained, mut restarts, mut last_cost) = (0.0, 0, 0);
+    // What rounds cost that only freed the base from a false minimum.
+    let mut in_vain = 0;
     let mut stood: Vec<Trial> = Vec::new();
     loop {
         let spent = all.found.problem.effort.spent();
         let earlier = std::mem::take(&mut stood);
         // Another round begins only if it should end in time, by what the last one took: an answer with fewer effects is
         // better than none.
-        if last_cost > 0 && spent + last_cost > MOST_EFFORT {
+        if last_cost > 0 && spent + last_cost > MOST_EFFORT + in_vain {
             said("no time for another round");
             all.cut_short = true;
             if earlier.is_empty() {
@@ -178,6 +180,7 @@ pub fn forward(
         if let Some(better) = shaken {
             said(&format!("   {} only shook the fit free: again from there", all.last[0].candidate.effect));
             restarts += 1;
+            in_vain += last_cost;
             stood = std::mem::take(&mut all.last);
             all.go_on_from(better);
             continue;
@@ -199,6 +202,7 @@ pub fn forward(
         {
             said(&format!("   {} only shook the fit free: again from there", all.last[i].candidate.effect));
             restarts += 1;
+            in_vain += last_cost;
             stood = std::mem::take(&mut all.last);
             all.go_on_from(better);
             continue;

@@ -3,6 +3,7 @@
 //! RT: no.
 
 use crate::diagnose::candidates::Candidate;
+use crate::diagnose::carry::rings_by_itself;
 use crate::diagnose::folds::LeftOut;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::{Difference, is_misfit};
@@ -53,7 +54,14 @@ fn is_worth(base: &Hypothesis, (trial, all): (&Trial, &[Trial]), explained_befor
         && share
         && admitted
         && !at_zero(trial)
-        && !trial.hypothesis.rig.effects.last().is_some_and(is_cut_off)
+        && trial.hypothesis.rig.effects.len().checked_sub(1).is_none_or(|e| is_found(&trial.hypothesis, e, context))
+}
+
+/// True if effect `e` of `of` is one that was found: no number of it at the edge of its range, and no mode that something else
+/// shakes.
+#[must_use]
+pub fn is_found(of: &Hypothesis, e: usize, context: &Context) -> bool {
+    !of.rig.effects.get(e).is_some_and(is_cut_off) && !rings_by_itself(of, e, &context.floors)
 }
 
 /// True if the gain is no chance of which blocks of the recordings there are. A single event is in one of them: all of its
@@ -66,13 +74,16 @@ pub fn is_sure(candidate: &Candidate, gain: f64, sure: Difference, context: &Con
 /// Least gain of a single event in parts of [`worth`], where the blocks do not bear it out.
 const SINGLE: f64 = 1.5;
 
-/// True for a single event where an undamped resonance, which none is, gains far more: something shakes the machine, and a push
+/// True for a single event where a resonance that is none ([`is_found`]) gains far more: something shakes the machine, and a push
 /// fits a piece of that.
 #[must_use]
 pub fn is_shaken(trial: &Trial, all: &[Trial], context: &Context) -> bool {
     let far = |t: &Trial| t.gain - trial.gain > (SHAKEN * trial.gain).max(worth(context, t.candidate.keys.len()));
-    let rings =
-        |t: &Trial| t.hypothesis.rig.effects.last().is_some_and(|e| e.get("frequency").is_some() && is_cut_off(e));
+    let rings = |t: &Trial| {
+        let effects = &t.hypothesis.rig.effects;
+        effects.last().is_some_and(|e| e.get("frequency").is_some())
+            && !is_found(&t.hypothesis, effects.len() - 1, context)
+    };
     trial.candidate.only.is_some() && all.iter().any(|t| rings(t) && far(t))
 }
 
@@ -219,7 +230,7 @@ pub const LIMITS_OF: &[(&str, &str)] = &[
 /// Part of the richer effect's gain that is enough for the simpler one.
 pub const ENOUGH: f64 = 0.95;
 
-/// Where a simpler limit of the leader gains nearly as much, the leader goes last: what is left may still be added. Then the first
+/// Where a simpler limit of the leader gains nearly as much, the leader goes after it: what is left may still be added. Then the first
 /// is who gains most for the numbers that it adds (Schwarz 1978; an initial state of a window brings 1 by chance).
 pub fn simplest_first(trials: &mut Vec<Trial>, context: &Context) {
     let Some(leader) = trials.first() else { return };
@@ -240,7 +251,10 @@ pub fn simplest_first(trials: &mut Vec<Trial>, context: &Context) {
     let net = |t: &Trial| t.gain - price(t, context);
     let best = trials.iter().enumerate().max_by(|a, b| net(a.1).total_cmp(&net(b.1))).map_or(0, |(i, _)| i);
     trials[..=best].rotate_right(1);
-    trials.extend(rich);
+    // Next to it, for the contest among the best few.
+    if let Some(rich) = rich {
+        trials.insert(1, rich);
+    }
 }
 
 /// What a trial's numbers are worth by chance, in twice the log-likelihood.

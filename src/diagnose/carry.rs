@@ -9,10 +9,13 @@
 
 use crate::diagnose::base::known;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::likelihood::{blocks, white};
+use crate::diagnose::likelihood::{Residuals, blocks, white};
 use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit_states};
 use crate::identify::problem::Problem;
+use crate::model::effect::EffectKind;
+use crate::model::rig::{Rig, Value};
 use rayon::prelude::*;
+use std::f64::consts::TAU;
 
 /// Part of the gain of `richer` over `plain` that is left when its inner states go on from window to window, coordinates
 /// and rates fitted as before. `None` if there are no inner states that could, or nothing is gained.
@@ -58,6 +61,46 @@ pub fn has_more_states(plain: &Hypothesis, richer: &Hypothesis) -> bool {
     count(richer) > count(plain)
 }
 
+/// True if effect `e` of `of` is a mode of a link that does not die away within a recording and owes most of what it explains
+/// to how it rings at the start: what sustains it is no motion of the link but something that shakes the machine.
+#[must_use]
+pub fn rings_by_itself(of: &Hypothesis, e: usize, floors: &[f64]) -> bool {
+    let Some(effect) = of.rig.effects.get(e).filter(|e| e.kind == EffectKind::LinkFlexibility) else { return false };
+    let [Some(hz), Some(damping)] = ["frequency", "damping"].map(|key| effect.get(key)) else { return false };
+    if damping.value * TAU * hz.value * of.problem.longest_recording_s() > 1.0 {
+        return false;
+    }
+    let noise = white(&of.residuals, floors);
+    let total =
+        |rig: &Rig, from_rest: bool| unbroken(of, rig, from_rest).map(|r| blocks(&r, &noise).iter().sum::<f64>());
+    let mut without = of.rig.clone();
+    let share = effect.kind.keys().iter().position(|key| key.name == "participation");
+    let Some(share) = share else { return false };
+    without.effects[e].values[share] = Value::known(0.0);
+    let [Some(ringing), Some(driven), Some(none)] =
+        [total(&of.rig, false), total(&of.rig, true), total(&without, true)]
+    else {
+        return false;
+    };
+    ringing > none && driven - none < LEAST_CARRIED * (ringing - none)
+}
+
+/// The residuals of `of` with `rig`'s numbers held and inner states that go on from window to window: from the first
+/// window's, or from rest.
+fn unbroken(of: &Hypothesis, rig: &Rig, from_rest: bool) -> Option<Residuals> {
+    let held = of.problem.with_rig(known(rig));
+    let mut at = Point { parameters: Vec::new(), states: of.point.states.clone() };
+    let rest = held.start().states;
+    for (w, rest) in rest.iter().enumerate() {
+        let rigid = held.rigid(w);
+        let inner = before(&held, &at, w).or_else(|| from_rest.then(|| rest.clone()));
+        if let Some(inner) = inner.filter(|i| i.len() == at.states[w].len()) {
+            at.states[w][rigid..].copy_from_slice(&inner[rigid..]);
+        }
+    }
+    held.residuals(&at)
+}
+
 /// A few steps from the free fit tell.
 const STEPS: Limits = Limits { iterations: 6, tolerance: 1e-4 };
 
@@ -91,6 +134,7 @@ impl FreeRuns for Carried<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::DMatrix;
 
     const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
         [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n\
@@ -116,5 +160,39 @@ mod tests {
         let again = &halves.run(1, &[], &arrived, false).unwrap()[0].residual;
         let apart = unbroken[100..].iter().zip(again).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(again.len() == 100 && apart < 1e-5, "{apart}");
+    }
+
+    /// A mode of 6 Hz that has hardly any damping, in two windows that follow each other; how it starts.
+    fn ringing(participation: f64, deflection: f64) -> bool {
+        let rig = format!(
+            "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
+             [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n\
+             [[effect]]\neffect = \"link_flexibility\"\nat = \"q1\"\nfrequency = 6.0\ndamping = 0.002\n\
+             participation = {participation}\n"
+        );
+        let floors = [1e-5];
+        let of = |measured: Vec<f64>| {
+            let problem = Problem::shaken(&rig, Some(1.0), measured);
+            let mut at = problem.start();
+            let rigid = problem.rigid(0);
+            (at.states[0][0], at.states[0][1]) = (0.3, 0.0);
+            at.states[0][rigid] = deflection;
+            at.states[1] = before(&problem, &at, 1).unwrap();
+            Hypothesis::at(problem, at, DMatrix::zeros(0, 0), &floors).unwrap()
+        };
+        let readings = |h: &Hypothesis, sign: f64| h.residuals[0].concat().iter().map(|r| sign * r).collect();
+        let unread = of(vec![0.0; 200]);
+        let exact = [1.0, -1.0].map(|sign| of(readings(&unread, sign)));
+        let rms = |h: &Hypothesis| h.residuals[0].concat().iter().map(|r| r * r).sum::<f64>();
+        let best = exact.iter().min_by(|a, b| rms(a).total_cmp(&rms(b))).unwrap();
+        assert!(rms(best) < 1e-12, "{}", rms(best));
+        rings_by_itself(best, 0, &floors)
+    }
+
+    #[test]
+    fn a_mode_that_its_link_drives_is_one_and_one_that_only_rings_on_is_shaken_from_elsewhere() {
+        assert!(!ringing(0.2, 0.0), "driven");
+        assert!(!ringing(0.2, 0.001), "driven, and ringing a little at the start");
+        assert!(ringing(0.001, 3.0), "rings on");
     }
 }

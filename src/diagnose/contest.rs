@@ -4,7 +4,7 @@
 //! RT: no.
 
 use crate::diagnose::allowance::{allowance, within};
-use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_cut_off, is_piece, is_sure};
+use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_found, is_piece, is_sure};
 use crate::diagnose::carry::goes_on;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, worth};
@@ -116,7 +116,7 @@ fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context, lea
         Some(Trial { candidate: trial.candidate.clone(), hypothesis, gain: added.gain - behind })
     };
     let mut out: Vec<Trial> = close.par_iter().filter_map(one).collect();
-    out.retain(|trial| !is_cut_off(&trial.hypothesis.rig.effects[e]));
+    out.retain(|trial| is_found(&trial.hypothesis, e, context));
     if out.iter().any(|trial| trial.candidate.has_inner_states()) {
         let without = left_out(found, e, context);
         let goes_on = |t: &Trial| without.as_ref().is_none_or(|w| goes_on(w, &t.hypothesis, &context.floors));

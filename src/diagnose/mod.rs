@@ -11,6 +11,7 @@ pub mod base;
 pub mod belief;
 pub mod candidates;
 pub mod carry;
+pub mod changed;
 pub mod contest;
 pub mod flexible;
 pub mod folds;

@@ -3,8 +3,9 @@
 //!
 //! RT: no.
 
-use crate::diagnose::screen::{Column, Score, Screen};
+use crate::diagnose::screen::{Column, Own, Score, Screen};
 use crate::diagnose::tangent::{Tangent, force_column, local_force, reading_column};
+use crate::identify::fit::Series;
 use rayon::prelude::*;
 
 /// A hit of a scan: where on the grid, and what it gains.
@@ -186,6 +187,48 @@ fn vibration_column(windows: &[Tangent], joint: usize, recording: usize, hz: f64
     windows.iter().map(of).collect()
 }
 
+/// Instant of a recording from which on the machine is another one: its fitted numbers differ from before, as does the state
+/// that it goes on from. Chow's test (Econometrica 28, 1960) over all instants, linear around the fit whose `runs` with their
+/// slopes these are; the gain is what other numbers bring beyond what another state alone does.
+#[must_use]
+pub fn change(screen: &Screen, windows: &[Tangent], runs: &[Vec<Series>], shared: usize) -> Option<Hit<(usize, f64)>> {
+    let recordings = windows.iter().map(|w| w.recording).max()? + 1;
+    let instants = |recording: usize| {
+        let mine =
+            || windows.iter().filter(move |w| w.recording == recording).filter_map(|w| w.t_s.first().zip(w.t_s.last()));
+        let (from, to) = (mine().next().map_or(0.0, |w| *w.0), mine().last().map_or(0.0, |w| *w.1));
+        (CHANGES / 10..=CHANGES - CHANGES / 10)
+            .map(move |i| (recording, from + (to - from) * i as f64 / CHANGES as f64))
+    };
+    let all: Vec<(usize, f64)> = (0..recordings).flat_map(instants).collect();
+    let one = |at: &(usize, f64)| {
+        let after = |w: usize, slope: usize| -> Vec<Vec<f64>> {
+            let masked = |s: &Series| {
+                s.slopes[slope].iter().zip(&windows[w].t_s).map(|(x, t)| if *t < at.1 { 0.0 } else { *x }).collect()
+            };
+            runs[w].iter().map(masked).collect()
+        };
+        let is_after = |w: &Tangent| w.recording == at.0 && w.t_s.last().is_some_and(|t| *t >= at.1);
+        let is_split = |w: &Tangent| is_after(w) && w.t_s.first().is_some_and(|t| *t < at.1);
+        let column = |p: usize| -> Column {
+            windows.iter().enumerate().map(|(w, t)| if is_after(t) { after(w, p) } else { Vec::new() }).collect()
+        };
+        let states = |w: usize| runs[w].first().map_or(0, |s| s.slopes.len()).saturating_sub(shared);
+        let own: Vec<Own> = windows
+            .iter()
+            .enumerate()
+            .map(|(w, t)| if is_split(t) { (0..states(w)).map(|x| after(w, shared + x)).collect() } else { Own::new() })
+            .collect();
+        let mut score = screen.score_beside(&(0..shared).map(column).collect::<Vec<_>>(), &own);
+        score.gain -= screen.score_beside(&[], &own).gain;
+        Hit { at: *at, score }
+    };
+    best(all.par_iter().map(one).collect())
+}
+
+/// Instants per recording at which a change is sought, but for a tenth at each end.
+const CHANGES: usize = 40;
+
 /// Gain of a once-per-turn error of `channel` that reads coordinate `joint`. Amplitudes: sine, cosine.
 #[must_use]
 pub fn eccentricity(screen: &Screen, windows: &[Tangent], channel: usize, joint: usize) -> Score {
@@ -197,7 +240,7 @@ pub fn eccentricity(screen: &Screen, windows: &[Tangent], channel: usize, joint:
 mod tests {
     use super::*;
     use crate::diagnose::tangent::tests::mass;
-    use crate::identify::fit::{FreeRuns, Point, Series};
+    use crate::identify::fit::{FreeRuns, Point};
     use crate::identify::noise::Colour;
 
     /// A mass whose truth had a push of 0.02 N s at row 40.

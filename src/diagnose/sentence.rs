@@ -136,6 +136,19 @@ pub fn unlisted(at: &str, over: &str, share: f64) -> String {
     )
 }
 
+/// The sentence of a machine that is another one `from` some instant of a recording on; `numbers` that changed, with their
+/// values before and after.
+#[must_use]
+pub fn changed(at: &str, (recording, from_s): (&str, f64), numbers: &[(String, f64, f64)]) -> String {
+    let one = |(name, before, after): &(String, f64, f64)| format!("{name} {:+.1} %", 100.0 * (after / before - 1.0));
+    let told: Vec<String> = numbers.iter().take(3).map(one).collect();
+    format!(
+        "From {from_s:.2} s of {recording} on the machine is another one at {at} ({}), which no effect of the library explains: \
+         look for a load that was picked up or lost, a part that came loose.",
+        told.join(", ")
+    )
+}
+
 /// What a person would look for where a force goes with `over`.
 fn suspect(over: &str) -> &'static str {
     if over.starts_with("the position") {

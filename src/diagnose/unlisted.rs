@@ -2,6 +2,7 @@
 //!
 //! RT: no.
 
+use crate::diagnose::changed::Changed;
 use crate::diagnose::free_curve::FreeCurve;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::laws::band_95;
@@ -87,6 +88,11 @@ pub fn unexplained(
     let bar = if is_rough { ROUGH * bar } else { bar };
     let (on_base, excess_base) = structure(base, true, &mut said)?;
     let misfit = |h: &Hypothesis| is_misfit(&h.residuals, &context.floors);
+    if excess_base > bar
+        && let Some(changed) = changed(found, base, (&on_base, excess_base, bar), context, &mut said)
+    {
+        return Some((changed, true));
+    }
     // A free force over time explains any smooth misfit; a listed effect that removes a good part of it says more.
     let enough = if on_base.over_time && misfit(base) { SOME } else { MOST };
     let removed = 1.0 - energy(found, base) / energy(base, base);
@@ -113,6 +119,38 @@ pub fn unexplained(
         return Some((on_base, true));
     }
     left.filter(|_| excess_found > bar.max(0.3 * listed)).map(|(on_found, _)| (on_found, false))
+}
+
+/// Another machine from some instant of a recording on, if that says more than all that was found. `excess_base`: of the
+/// force of `on_base`; `bar`: what counts.
+fn changed(
+    found: &Hypothesis,
+    base: &Hypothesis,
+    (on_base, excess_base, bar): (&Unlisted, f64, f64),
+    context: &Context,
+    said: &mut impl FnMut(&str),
+) -> Option<Unlisted> {
+    let changed = Changed::fitted(base, context)?;
+    let name = &base.problem.recordings[changed.recording].name;
+    let ahead = changed.ahead_of(found);
+    said(&format!(
+        "another machine from {:.2} s of {name} on, fitted: {ahead:.0} ahead of what was found",
+        changed.from_s
+    ));
+    if !changed.says_more_than(found, base, context) {
+        return None;
+    }
+    // Something that acts all the time may act a little more on one side of an instant than on the other: it is still there.
+    let parts = [&changed.before, &changed.after];
+    let left: f64 = parts.into_iter().filter_map(|h| structure(h, true, said)).map(|(_, excess)| excess.max(0.0)).sum();
+    if left > bar.max(REST * excess_base) {
+        return None;
+    }
+    let changed = changed.nearby(base, context);
+    let at = on_base.entry.one_of.first().map_or("", |member| member.at.as_str());
+    let sentence = sentence::changed(at, (name, changed.from_s), &changed.numbers());
+    let places = base.rig.sensors.first().map(|s| changed.place(&s.column)).into_iter().collect();
+    Some(Unlisted { entry: nameless(at, sentence), places, over_time: true, over_position_of: None, ..on_base.clone() })
 }
 
 /// Times the bar where the simulation itself is rough.
@@ -207,9 +245,12 @@ fn structure(of: &Hypothesis, with_time: bool, said: &mut impl FnMut(&str)) -> O
     patterns.retain(|p| with_time || !p.is_over_time());
     patterns.sort_by(|a, b| excess(b).total_cmp(&excess(a)));
     let best = patterns.first()?;
+    // A sine says a force over time in a tenth of its numbers.
+    let sine = patterns.iter().find(|p| p.is_sine() && p.joint == best.joint && excess(p) > SINE * excess(best));
+    let told = sine.filter(|_| best.is_over_time()).unwrap_or(best);
     said(&format!("free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
     let at = of.rig.mechanism.coordinates()[best.joint];
-    let sentence = sentence::unlisted(at, &best.over, share(of, best));
+    let sentence = sentence::unlisted(at, &told.over, share(of, told));
     let entry = nameless(at, sentence);
     let mut laws: Vec<Law> = Vec::new();
     for law in patterns.iter().filter_map(|p| p.curve.as_ref()).map(|c| law(of, c)) {
@@ -226,11 +267,18 @@ impl Pattern {
         self.curve.as_ref().is_some_and(|c| c.over == Over::Angle)
     }
 
+    fn is_sine(&self) -> bool {
+        self.curve.is_none() && self.is_over_time()
+    }
+
     /// True if the force goes with nothing but time.
     fn is_over_time(&self) -> bool {
         self.curve.as_ref().is_none_or(|c| c.over == Over::Time)
     }
 }
+
+/// Part of what a free force over time explains from which a sine is the word for it.
+const SINE: f64 = 0.5;
 
 /// Gain beyond three times what its numbers bring by chance.
 fn excess(p: &Pattern) -> f64 {
@@ -272,7 +320,10 @@ fn patterns(rig: &Rig, screen: &Screen, windows: &[Tangent]) -> Vec<Pattern> {
 
 fn vibration_pattern(screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Pattern> {
     let grid: Vec<f64> = (0..80).map(|i| 0.5 * libm::pow(1.05, f64::from(i))).collect();
-    let hit = vibration(screen, windows, joint, &grid)?;
+    let coarse = vibration(screen, windows, joint, &grid)?.at;
+    // A recording of some seconds resolves more than the grid.
+    let fine: Vec<f64> = (-10..=10).map(|i| coarse * (1.0 + 0.005 * f64::from(i))).collect();
+    let hit = vibration(screen, windows, joint, &fine)?;
     Some(Pattern {
         joint,
         over: format!("time, like a vibration of {:.2} Hz", hit.at),

@@ -123,6 +123,20 @@ impl Problem {
         self.windows.iter().zip(&self.spans).map(length).fold(0.0, f64::max)
     }
 
+    /// Longest time from the start of a recording's first window to the end of its last, s.
+    #[must_use]
+    pub fn longest_recording_s(&self) -> f64 {
+        let ends = |((r, _), rows): (&(usize, usize), &Range<usize>)| {
+            let times = &self.recordings[*r].times;
+            (*r, times[rows.start], times[rows.end - 1])
+        };
+        let all: Vec<(usize, f64, f64)> = self.windows.iter().zip(&self.spans).map(ends).collect();
+        let until = |(r, from, _): &(usize, f64, f64)| {
+            all.iter().filter(|(other, ..)| other == r).map(|(.., to)| to - from).fold(0.0, f64::max)
+        };
+        all.iter().map(until).fold(0.0, f64::max)
+    }
+
     /// Bounds of the vector.
     #[must_use]
     pub fn bounds(&self) -> Vec<Bound> {
