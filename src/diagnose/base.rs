@@ -183,56 +183,6 @@ pub fn known(rig: &Rig) -> Rig {
     out
 }
 
-/// Takes single samples out that stick out of their neighbours by far more than noise: transmission errors.
-///
-/// In: a hypothesis whose residual is smooth but for noise. Gives how many were taken out per recording.
-pub fn drop_spikes(recordings: &mut [Recording], of: &Hypothesis) -> Vec<usize> {
-    let mut dropped = vec![0; recordings.len()];
-    for channel in 0..of.rig.sensors.len() {
-        let peaks: Vec<Vec<Peak>> = (0..recordings.len()).map(|r| peaks(of, r, channel)).collect();
-        let all: Vec<f64> = peaks.iter().flatten().map(|p| p.height).collect();
-        let limit = 8.0 * median_abs(&all) / 0.6745;
-        if limit <= 0.0 {
-            continue;
-        }
-        for (r, list) in peaks.iter().enumerate() {
-            let least = limit.max(of.rig.sensors[channel].quantum * 2.5);
-            for peak in list.iter().filter(|p| p.lonely && p.height.abs() > least) {
-                recordings[r].measured[channel][peak.row] = f64::NAN;
-                dropped[r] += 1;
-            }
-        }
-    }
-    dropped
-}
-
-/// How far a sample sticks out of its neighbours.
-struct Peak {
-    row: usize,
-    height: f64,
-    /// It has no neighbour on its side: a spike, not a jump that stays.
-    lonely: bool,
-}
-
-/// Residual of each row minus the mean of its two neighbours, where all three lie in one window.
-fn peaks(of: &Hypothesis, recording: usize, channel: usize) -> Vec<Peak> {
-    let mut out = Vec::new();
-    let measured = &of.problem.recordings[recording].measured[channel];
-    let windows = of.problem.recordings[recording].windows();
-    let mine = of.problem.windows.iter().enumerate().filter(|(_, (r, _))| *r == recording);
-    for (flat, (_, w)) in mine {
-        let rows: Vec<usize> = windows[*w].clone().filter(|k| measured[*k].is_finite()).collect();
-        let e = &of.residuals[channel][flat];
-        for k in 1..rows.len().saturating_sub(1) {
-            let (a, b, c) = (e[k - 1], e[k], e[k + 1]);
-            let middle = b - 0.5 * (a + c);
-            let lonely = (b - a) * (b - c) > 0.0 && (b - a).abs().min((b - c).abs()) > 0.5 * middle.abs();
-            out.push(Peak { row: rows[k], height: middle, lonely });
-        }
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,10 +2,11 @@
 //!
 //! Nothing is added to the model. RT: no.
 
-use crate::diagnose::base::{drop_spikes, fitted};
+use crate::diagnose::base::fitted;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::pipeline::{DiagnoseError, again, ready, runaway, warnings};
 use crate::diagnose::prove::{Models, proof};
+use crate::diagnose::spikes::{cleaned, drop_spikes};
 use crate::diagnose::suspicion::{at_bounds, suspicions};
 use crate::diagnose::tables::{estimates, undetermined_combinations};
 use crate::identify::experiment::Experiment;
@@ -37,12 +38,13 @@ pub fn identify(experiment: &Experiment) -> Result<Identification, DiagnoseError
     let (mut recordings, pooled, floors) = ready(experiment)?;
     let rig = &experiment.rig;
     let first = fitted(rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
-    let dropped = drop_spikes(&mut recordings, &first);
+    let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
     let best = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
     let best = coloured(best, &floors).with_intervals();
-    let (figures, traces) = proof(experiment, Models { given: rig, refitted: &best.rig, explained: &best.rig })?;
+    let (clean, more) = cleaned(experiment, &recordings, &best.rig, &floors);
+    let (figures, traces) = proof(&clean, Models { given: rig, refitted: &best.rig, explained: &best.rig })?;
     let lines = lines(rig, &best);
-    let mut warnings = warnings(experiment, &dropped);
+    let mut warnings = warnings(experiment, dropped + more);
     warnings.extend(suspicions(&best, &floors));
     warnings.extend(at_bounds(&best, rig));
     let found = Identified {

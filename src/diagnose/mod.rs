@@ -38,6 +38,7 @@ pub mod score;
 pub mod screen;
 pub mod sentence;
 pub mod sets;
+pub mod spikes;
 pub mod stragglers;
 pub mod suspicion;
 pub mod tables;

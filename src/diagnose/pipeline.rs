@@ -4,7 +4,7 @@
 
 use crate::diagnose::at_rest::at_rest;
 use crate::diagnose::attribute::{Selection, forward};
-use crate::diagnose::base::{as_given, drop_spikes, fit_recordings, fitted, floors};
+use crate::diagnose::base::{as_given, fit_recordings, fitted, floors};
 use crate::diagnose::contest::contested;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::laws;
@@ -19,6 +19,7 @@ use crate::diagnose::scales::scales;
 use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
 use crate::diagnose::sets::{answered, rejected};
+use crate::diagnose::spikes::{cleaned, drop_spikes};
 use crate::diagnose::suspicion::{at_bounds, contradicted, no_common_machine, suspicions, unfollowed};
 use crate::diagnose::tables::{estimates, headline, parameter_lines, ranking, undetermined_combinations};
 use crate::diagnose::tried::{Added, Context, Trial, compare, removed, worth};
@@ -75,7 +76,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let (mut recordings, pooled, floors) = ready(experiment)?;
     said("base fit");
     let first = fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
-    let dropped = drop_spikes(&mut recordings, &first);
+    let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
     let given = as_given(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
     let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
     let base = no_worse(base, &given, &floors);
@@ -134,7 +135,8 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     };
     let (base, found) = (base.with_intervals(), found.with_intervals());
     let answer = Found { given, base, found, added, rest, refit_needed };
-    let mut warnings = warnings(experiment, &dropped);
+    let (clean, more) = cleaned(experiment, &recordings, &answer.explained().rig, &context.floors);
+    let mut warnings = warnings(experiment, dropped + more);
     let rest_matters = removed(&answer.base, &answer.found, &context) < NEARLY_ALL;
     warnings.extend((cut_short && rest_matters).then(|| CUT_SHORT.to_owned()));
     let explained = answer.explained();
@@ -144,7 +146,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     warnings.extend(at_bounds(explained, &experiment.rig));
     warnings.extend(complaints(&explained.problem, &explained.point, &explained.noise));
     said("proof");
-    let mut findings = answer.findings(experiment, &context, &last, warnings)?;
+    let mut findings = answer.findings(&clean, &context, &last, warnings)?;
     findings.warnings.extend(contradicted(&findings.diagnosis.fit));
     findings.diagnosis.seconds = began.elapsed().as_secs_f64();
     Ok(Answer { findings, model: answer.model(experiment) })
@@ -248,13 +250,12 @@ pub(super) fn runaway(experiment: &Experiment, pooled: &Pooled) -> DiagnoseError
     runs.filter_map(Result::err).next().map_or(DiagnoseError::Diverges, DiagnoseError::Run)
 }
 
-/// What was odd in the input. `dropped`: samples left out per recording.
-pub(super) fn warnings(experiment: &Experiment, dropped: &[usize]) -> Vec<String> {
+/// What was odd in the input. `dropped`: how many samples were left out.
+pub(super) fn warnings(experiment: &Experiment, dropped: usize) -> Vec<String> {
     let mut out: Vec<String> = experiment.recordings.iter().flat_map(|r| r.warnings.clone()).collect();
-    let total: usize = dropped.iter().sum();
-    if total > 0 {
+    if dropped > 0 {
         out.push(format!(
-            "{total} single samples stick out of their neighbours like transmission errors; left out of the fit"
+            "{dropped} single samples stick out of their neighbours like transmission errors; left out of fit and comparison"
         ));
     }
     out
