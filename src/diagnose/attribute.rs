@@ -10,7 +10,7 @@ use crate::diagnose::candidates::Candidate;
 use crate::diagnose::contest::reconsidered;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::round::{merged, round};
+use crate::diagnose::round::{merged, promises_little, round};
 use crate::diagnose::tried::{Added, Context, MOST_EFFORT, Trial, compare, left_out, removed, worth};
 use crate::diagnose::unlisted::PATCHES;
 use crate::diagnose::valley::wandered;
@@ -144,12 +144,18 @@ pub fn forward(
         // Another round begins only if it should end in time, by what the last one took: an answer with fewer effects is
         // better than none.
         if last_cost > 0 && spent + last_cost > MOST_EFFORT + in_vain {
-            said("no time for another round");
-            all.cut_short = true;
             if earlier.is_empty() {
+                all.cut_short = !promises_little(&all.found, &library(&all.found), context);
+                said(if all.cut_short {
+                    "no time for another round"
+                } else {
+                    "nothing promises enough for another round"
+                });
                 all.last = Vec::new();
                 return all;
             }
+            said("no time for another round");
+            all.cut_short = true;
             // What was fitted on top of a worse base stands all the same.
             all.last = merged(&all.found, Vec::new(), earlier, context);
         } else {

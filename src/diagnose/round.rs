@@ -138,6 +138,9 @@ fn split<'c>(ranked: Vec<Ranked<'c>>) -> (Vec<Ranked<'c>>, Vec<Ranked<'c>>) {
     (bare(first), bare(rest))
 }
 
+/// Part of the leader's gain from which what changes the ground is fitted from its other starts too.
+const CLOSE: f64 = 0.3;
+
 /// Starts that are fitted at a time while the round may go on.
 const BATCH: usize = 8;
 /// Part of what is left of [`MOST_EFFORT`] that a round may spend on fits that one step does not recommend. One step says
@@ -145,6 +148,37 @@ const BATCH: usize = 8;
 const CURIOSITY: u64 = 5;
 /// Once an effect is found, the best promise that asks for that, in parts of what is worth it: little may be left.
 const CURIOUS: f64 = 2.0;
+
+/// What one step promises on top of a base.
+struct Look<'c> {
+    thin: Option<Thin>,
+    ranked: Vec<Ranked<'c>>,
+    /// The best promise, on all samples.
+    most: f64,
+    /// Samples that were looked at.
+    samples: usize,
+}
+
+fn look<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour], context: &Context) -> Look<'c> {
+    let thin = thinned(base, library, context);
+    let thinner = thin.as_ref().map(|t| t.thinner(library));
+    let (fewer, samples) = thinner.as_ref().map_or((base, context.samples), |t| (&t.hypothesis, t.context.samples));
+    let ranked = screened(fewer, library, noise);
+    // All samples would promise as many times more as they are more.
+    let most = ranked.first().map_or(0.0, |best| best.2 * context.samples as f64 / samples.max(1) as f64);
+    Look { thin, ranked, most, samples }
+}
+
+/// True if nothing promises two fifths of what would count: a healthy machine is not worth a dozen fits.
+fn is_little(most: f64, context: &Context) -> bool {
+    !context.is_trapped && most < 0.4 * worth(context, 1)
+}
+
+/// True if no candidate promises enough on top of `base` for a round: a look costs a tenth of one.
+#[must_use]
+pub fn promises_little(base: &Hypothesis, library: &[Candidate], context: &Context) -> bool {
+    is_little(look(base, library, &white(&base.residuals, &context.floors), context).most, context)
+}
 
 /// All candidates of one round on top of `base`, best first by what they gain. `fitted`: the fit whose misfit is to be
 /// explained, `base` itself or a better one of the same rig. `earlier`: trials of a round from a worse fit of that rig, which
@@ -158,19 +192,13 @@ pub fn round(
     mut said: impl FnMut(&str),
 ) -> Vec<Trial> {
     let noise = white(&fitted.residuals, &context.floors);
-    let thin = thinned(base, library, context);
+    let Look { thin, ranked, most, samples } = look(base, library, &noise, context);
     let (few, rule) = thin.as_ref().map_or((base, context), |t| (&t.hypothesis, &t.context));
-    let look = thin.as_ref().map(|t| t.thinner(library));
-    let (fewer, least) = look.as_ref().map_or((few, rule), |t| (&t.hypothesis, &t.context));
-    let ranked = screened(fewer, library, &noise);
-    // Nothing promises two fifths of what would count: a healthy machine is not worth a dozen fits. All samples would
-    // promise as many times more as they are more.
-    let most = ranked.first().map_or(0.0, |best| best.2 * context.samples as f64 / least.samples.max(1) as f64);
-    if !context.is_trapped && most < 0.4 * worth(context, 1) {
+    if is_little(most, context) {
         said(&format!("no candidate promises more than {most:.1}: too little"));
         return Vec::new();
     }
-    said(&format!("screened on {} samples", least.samples));
+    said(&format!("screened on {samples} samples"));
     for (c, start, gain) in ranked.iter().take(8) {
         said(&format!("   {:20} {:12} promises {gain:9.1} from {start:.4?}", c.effect, c.at));
     }
@@ -186,10 +214,21 @@ pub fn round(
     let enough = effort() + share;
     let (first, rest) = split(ranked);
     let mut trials: Vec<Trial> = first.par_iter().filter_map(fitted).collect();
-    for batch in rest.chunks(BATCH).take_while(|_| effort() < enough) {
+    let mut left = &rest[..];
+    while !left.is_empty() && effort() < enough {
+        let (batch, others) = left.split_at(left.len().min(BATCH));
         trials.par_extend(batch.par_iter().filter_map(fitted));
+        left = others;
     }
     rank(few, &mut trials, rule);
+    // Between a foot that lands earlier or later are edges that no step crosses: one that is close may be closer from elsewhere.
+    let most = trials.first().map_or(0.0, |t| t.gain);
+    let is_close = |c: &Candidate| trials.iter().any(|t| t.candidate.is_same_as(c) && t.gain > CLOSE * most);
+    let again: Vec<&Ranked<'_>> = left.iter().filter(|(c, ..)| c.at == "ground" && is_close(c)).collect();
+    if !again.is_empty() {
+        trials.par_extend(again.into_par_iter().filter_map(fitted));
+        rank(few, &mut trials, rule);
+    }
     let mut trials = best_of_each(trials);
     trials = gone_on(base, thin.as_ref(), trials, &noise, context);
     said(&format!("fitted, effort {:.1} M", 1e-6 * base.problem.effort.spent() as f64));
