@@ -5,9 +5,10 @@
 //! RT: no.
 
 use crate::diagnose::base::anew;
-use crate::diagnose::belief::{believed, is_patched, is_shaken, is_unresolved, simplest_first};
+use crate::diagnose::belief::{LEAST_KEPT, believed, is_found, is_patched, is_shaken, is_unresolved, simplest_first};
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::contest::reconsidered;
+use crate::diagnose::folds::LeftOut;
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::round::{merged, promises_little, round};
@@ -201,7 +202,19 @@ pub fn forward(
             let trial = (&all.last[*i], &all.last[..]);
             told(i) && believed(&all.found, &left_out, trial, explained, context, &mut said)
         });
-        let Some(i) = believed else { return all };
+        let Some(i) = believed else {
+            let time_is_left = all.found.problem.effort.spent() + last_cost <= MOST_EFFORT + in_vain;
+            let left_out = left_out.get().and_then(Option::as_ref).filter(|_| all.added.is_empty() && time_is_left);
+            let Some(pair) = left_out.and_then(|l| in_company(&all, &mut library, l, context, &mut said)) else {
+                return all;
+            };
+            for trial in pair {
+                all.last.retain(|t| !t.candidate.is_same_as(&trial.candidate));
+                explained += trial.gain;
+                all.add(trial, context);
+            }
+            continue;
+        };
         if i > 0
             && restarts < RESTARTS
             && let Some(better) = shaken_free(&all.found, &all.last[i], context)
@@ -218,6 +231,53 @@ pub fn forward(
         all.add(best, context);
         all.found = reconsidered(all.found, &mut all.added, context, &mut said);
     }
+}
+
+/// Leaders of a first round, one of each kind, that are tried in company, and what such a leader gains in parts of [`worth`].
+const COMPANIONS: usize = 3;
+const LOUD: f64 = 2.0;
+
+/// A leader that does not hold on recordings left out, and the effect that makes it hold: two that hide each other look, one
+/// at a time, like nothing that is true (an offset beside friction that falls with speed). Both together must leave but noise.
+fn in_company(
+    all: &Selection,
+    mut library: impl FnMut(&Hypothesis) -> Vec<Candidate>,
+    left_out: &LeftOut,
+    context: &Context,
+    mut said: impl FnMut(&str),
+) -> Option<[Trial; 2]> {
+    let mut leaders: Vec<&Trial> = Vec::new();
+    for trial in all.last.iter().filter(|t| t.gain > LOUD * worth(context, t.candidate.keys.len())) {
+        let e = trial.hypothesis.rig.effects.len() - 1;
+        let is_new = leaders.iter().all(|l| l.candidate.effect != trial.candidate.effect);
+        if is_new && !is_patched(&all.found, &trial.candidate) && is_found(&trial.hypothesis, e, context) {
+            leaders.push(trial);
+        }
+    }
+    let most = leaders.first().map_or(0.0, |l| l.gain);
+    leaders.retain(|l| l.gain > LEADS * most);
+    // Who has few numbers makes up for little of what the other does, and is soon asked.
+    leaders.sort_by_key(|l| l.candidate.keys.iter().filter(|k| k.max > k.min).count());
+    for leader in leaders.into_iter().take(COMPANIONS) {
+        let now = &leader.hypothesis;
+        if now.problem.effort.spent() > MOST_EFFORT / 3 * 2 {
+            return None;
+        }
+        said(&format!("   with {}@{} for company", leader.candidate.effect, leader.candidate.at));
+        let mut seconds = round(now, (now, Vec::new()), &library(now), context, &mut said);
+        tell(&seconds, context, &mut said);
+        simplest_first(&mut seconds, context);
+        let Some(second) = seconds.first().filter(|s| !is_misfit(&s.hypothesis.residuals, &context.floors)) else {
+            continue;
+        };
+        let kept = left_out.kept_by(&second.hypothesis, &context.floors).unwrap_or(0.0);
+        said(&format!("   with {} both keep {kept:.2} of their gain on recordings left out", second.candidate.effect));
+        let alone = OnceCell::new();
+        if kept >= LEAST_KEPT && believed(now, &alone, (second, &seconds), leader.gain, context, &mut said) {
+            return Some([leader.clone(), second.clone()]);
+        }
+    }
+    None
 }
 
 /// Says how the candidates of a round did.

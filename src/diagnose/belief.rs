@@ -212,7 +212,7 @@ fn resemblance(periods: f64) -> f64 {
 }
 
 /// Smallest part of its gain that an effect must keep on recordings that it was not fitted to.
-const LEAST_KEPT: f64 = 0.25;
+pub const LEAST_KEPT: f64 = 0.25;
 
 /// The same for a gain of more than so many times what counts: while another effect is missing, the base bends to one
 /// recording for that (an eccentric encoder beside a lag of it kept .21 of 150 times what counts).

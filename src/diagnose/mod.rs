@@ -13,6 +13,7 @@ pub mod candidates;
 pub mod carry;
 pub mod changed;
 pub mod contest;
+pub mod disagreement;
 pub mod flexible;
 pub mod folds;
 pub mod free_curve;
