@@ -196,7 +196,7 @@ pub fn change(screen: &Screen, windows: &[Tangent], runs: &[Vec<Series>], shared
     let instants = |recording: usize| {
         let mine =
             || windows.iter().filter(move |w| w.recording == recording).filter_map(|w| w.t_s.first().zip(w.t_s.last()));
-        let (from, to) = (mine().next().map_or(0.0, |w| *w.0), mine().last().map_or(0.0, |w| *w.1));
+        let (from, to) = (mine().next().map_or(0.0, |w| *w.0), mine().next_back().map_or(0.0, |w| *w.1));
         (CHANGES / 10..=CHANGES - CHANGES / 10)
             .map(move |i| (recording, from + (to - from) * i as f64 / CHANGES as f64))
     };
