@@ -25,6 +25,9 @@ pub const MOST: usize = 4;
 /// Candidates of a round, best first, that are asked whether they are believed.
 const TRIED: usize = 3;
 
+/// Samples of which a last look at what is promised takes less than a second.
+const QUICK: usize = 20_000;
+
 /// What a forward selection comes to.
 pub struct Selection {
     /// The base, better than it was if a candidate led it out of a false minimum.
@@ -146,7 +149,8 @@ pub fn forward(
         // better than none.
         if last_cost > 0 && spent + last_cost > MOST_EFFORT + in_vain {
             if earlier.is_empty() {
-                all.cut_short = !promises_little(&all.found, &library(&all.found), context);
+                let is_quick = context.samples < QUICK;
+                all.cut_short = !(is_quick && promises_little(&all.found, &library(&all.found), context));
                 said(if all.cut_short {
                     "no time for another round"
                 } else {
