@@ -195,7 +195,7 @@ pub enum Message {
 /// Why a frame is no CANopen message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ParseError {
-    /// 29-bit, remote or error frame, or an identifier outside of the predefined set.
+    /// 29-bit, remote, error or CAN-FD frame, or an identifier outside of the predefined set.
     #[error("identifier {0:#x} is not of CANopen's predefined set")]
     Foreign(u32),
     /// Wrong number of bytes for this kind of message.
@@ -223,12 +223,12 @@ impl Message {
     /// [`ParseError`] says what is wrong with it.
     pub fn parse(frame: &CanFrame) -> Result<Self, ParseError> {
         let foreign = ParseError::Foreign(frame.id);
-        let id = u16::try_from(frame.id).map_err(|_| foreign)?;
+        let id = u16::try_from(frame.id).ok().filter(|_| !frame.is_fd()).ok_or(foreign)?;
         let object = Object::from_id(id).ok_or(foreign)?;
         let len = frame.len;
         let wrong_length = ParseError::Length { id, len };
         let wrong_code = |code: u8| ParseError::Code { id, code };
-        let data = frame.data;
+        let data = frame.first_eight();
         match (object, len) {
             (Object::Nmt, 2) => {
                 let command = NmtCommand::from_u8(data[0]).ok_or_else(|| wrong_code(data[0]))?;
@@ -368,15 +368,15 @@ mod tests {
     proptest! {
         #[test]
         fn what_parses_emits_and_parses_to_the_same(id in 0u32..0x7FF, payload in prop::collection::vec(any::<u8>(), 0..=8)) {
-            let frame = CanFrame { id, ..CanFrame::new(0, &payload) };
+            let frame = CanFrame::classic(id, &payload);
             if let Ok(message) = Message::parse(&frame) {
                 prop_assert_eq!(Message::parse(&message.emit()), Ok(message));
             }
         }
 
         #[test]
-        fn random_frames_never_panic(id: u32, len: u8, data: [u8; 8]) {
-            if let Ok(message) = Message::parse(&CanFrame { id, len, data }) {
+        fn random_frames_never_panic(id: u32, flags: u8, len: u8, data: [u8; 8]) {
+            if let Ok(message) = Message::parse(&CanFrame { flags, len, ..CanFrame::classic(id, &data) }) {
                 prop_assert_eq!(message.emit().id, id);
             }
         }

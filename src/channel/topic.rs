@@ -66,6 +66,10 @@ fn mix_kind(hash: &mut u64, kind: &Kind) {
             mix(hash, &count.to_le_bytes());
             mix_kind(hash, inner);
         }
+        Kind::Bytes(most) => {
+            mix(hash, b"y");
+            mix(hash, &most.to_le_bytes());
+        }
         Kind::Struct(shape) => mix_shape(hash, shape),
         Kind::Bool => mix(hash, b"b"),
         Kind::U8 => mix(hash, b"u1"),

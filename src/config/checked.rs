@@ -131,9 +131,18 @@ pub enum DriveMode {
     CyclicPosition,
 }
 
+/// What a drive speaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DriveProtocol {
+    /// CANopen with the drive profile CiA 402.
+    Cia402,
+}
+
 /// One drive.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DriveConfig {
+    /// What it speaks.
+    pub protocol: DriveProtocol,
     /// Index of its bus.
     pub bus: usize,
     /// CANopen node, 1 to 127.

@@ -1,8 +1,8 @@
 //! Reads `robot`: model, drives, buses, sensors, limits. RT: before arming only.
 
 use super::checked::{
-    BusBackend, BusConfig, DriveConfig, DriveMode, Hip, HipElasticity, Imu, ImuMessage, Limits, Model, Operator,
-    Parameter, Robot, SerialBackend, Toe,
+    BusBackend, BusConfig, DriveConfig, DriveMode, DriveProtocol, Hip, HipElasticity, Imu, ImuMessage, Limits, Model,
+    Operator, Parameter, Robot, SerialBackend, Toe,
 };
 use super::reader::{Reader, range};
 use std::f64::consts::{PI, TAU};
@@ -93,7 +93,9 @@ fn toe(r: &Reader<'_>) -> Toe {
 
 fn drive(r: &Reader<'_>) -> DriveConfig {
     const MODES: &[(&str, DriveMode)] = &[("torque", DriveMode::CyclicTorque), ("position", DriveMode::CyclicPosition)];
+    const PROTOCOLS: &[(&str, DriveProtocol)] = &[("cia402", DriveProtocol::Cia402)];
     DriveConfig {
+        protocol: r.choice("protocol", PROTOCOLS, DriveProtocol::Cia402),
         bus: r.integer("bus", 0, 1, "1"),
         node: r.integer("node", 1, 127, "1"),
         mode: r.choice("mode", MODES, DriveMode::CyclicTorque),

@@ -121,9 +121,9 @@ impl Walk {
         input.imu.push(sample);
         let output = (self.step)(&input);
         let mut wire = [0; 16];
-        if let Some(first) = output.send.first().and_then(|batch| batch.as_slice().first()) {
+        if let Some(first) = output.send.first().and_then(|batch| batch.iter().next()) {
             wire[..4].copy_from_slice(&first.frame.id.to_ne_bytes());
-            wire[8..].copy_from_slice(&first.frame.data);
+            wire[8..].copy_from_slice(&first.frame.first_eight());
         }
         // A full socket is a lost frame, as on a bus; the driver sees it missing.
         drop(self.bus.send(&driver::reply(sent_ns, number, clock::now().0, wire)));

@@ -10,6 +10,7 @@ use iceoryx2::prelude::ZeroCopySend;
 mod command;
 mod estimate;
 mod fault;
+mod frame;
 mod reflect;
 mod sensor;
 mod status;
@@ -18,11 +19,9 @@ mod tick;
 pub use command::{DriveCommand, DriveCommands, DriveGoal, JointCommand};
 pub use estimate::{Estimate, Snapshot};
 pub use fault::{Fault, FaultCode};
+pub use frame::{BusFrame, CanFrame, FrameBatch, Frames, MAX_DATA, MAX_FRAMES};
 pub use reflect::{Element, FieldShape, Kind, Shape, Value};
-pub use sensor::{
-    BusFrame, BusHealth, CanFrame, DriveFeedback, DriveFeedbacks, DriveState, FrameBatch, ImuBatch, ImuSample,
-    MAX_FRAMES, MAX_IMU, OperatorSample,
-};
+pub use sensor::{BusHealth, DriveFeedback, DriveFeedbacks, DriveState, ImuBatch, ImuSample, MAX_IMU, OperatorSample};
 pub use status::{Mode, RecorderState, RecorderStatus, Status};
 pub use tick::{TickHead, TickInput, TickOutput, TickRecord};
 

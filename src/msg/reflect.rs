@@ -23,6 +23,8 @@ pub enum Kind {
     I64,
     /// IEEE double.
     F64,
+    /// At most so many bytes, with their number (four bytes, unsigned) before them.
+    Bytes(usize),
     /// So many of the same.
     Array(&'static Self, usize),
     /// A message inside a message.

@@ -2,78 +2,11 @@
 
 use super::reflect::{batch, message, wire_enum};
 use super::{BUSES, DRIVES};
-use crate::base::bytes::padded;
 use crate::base::time::Stamp;
 use iceoryx2::prelude::ZeroCopySend;
 
-/// Most frames of one bus and direction in one tick. A 1 Mbit/s bus carries at most 21 empty frames in 1 ms.
-pub const MAX_FRAMES: usize = 24;
 /// Most IMU samples in one tick (a USB adapter may deliver in bursts).
 pub const MAX_IMU: usize = 8;
-
-message! {
-    /// A classic CAN frame.
-    pub struct CanFrame {
-        /// Identifier with SocketCAN's flag bits: extended 0x8000_0000, remote 0x4000_0000, error 0x2000_0000.
-        pub id: u32,
-        /// Number of data bytes, 0 to 8.
-        pub len: u8,
-        /// Data; bytes from `len` on are zero.
-        pub data: [u8; 8],
-    }
-}
-
-impl CanFrame {
-    /// Flag of a 29-bit identifier.
-    pub const EXTENDED: u32 = 0x8000_0000;
-    /// Flag of a remote request.
-    pub const REMOTE: u32 = 0x4000_0000;
-    /// Flag of an error frame.
-    pub const ERROR: u32 = 0x2000_0000;
-
-    /// A data frame with an 11-bit identifier. At most 8 bytes are taken.
-    #[must_use]
-    pub fn new(id: u16, payload: &[u8]) -> Self {
-        let len = u8::try_from(payload.len()).unwrap_or(u8::MAX).min(8);
-        Self { id: u32::from(id & 0x7FF), len, data: padded(payload) }
-    }
-
-    /// The bytes that are there.
-    #[must_use]
-    pub fn payload(&self) -> &[u8] {
-        self.data.get(..usize::from(self.len)).unwrap_or(&self.data)
-    }
-
-    /// True for an error frame of the controller (not data from a peer).
-    #[must_use]
-    pub const fn is_error(&self) -> bool {
-        self.id & Self::ERROR != 0
-    }
-}
-
-message! {
-    /// A frame and when it was on the bus.
-    pub struct BusFrame {
-        /// Received: the kernel's receive stamp if there is one. To send: the tick that chose it.
-        pub stamp: Stamp,
-        /// The frame.
-        pub frame: CanFrame,
-    }
-}
-
-message! {
-    /// Frames of one bus, in order.
-    pub struct FrameBatch {
-        /// How many of `frames` are there.
-        pub count: u8,
-        /// Frames lost for want of room, or counted as lost by the kernel, since arming of the process.
-        pub dropped: u32,
-        /// The frames.
-        pub frames: [BusFrame; MAX_FRAMES],
-    }
-}
-
-batch!(FrameBatch { frames: BusFrame });
 
 wire_enum! {
     /// How a bus is, as its controller says.

@@ -74,7 +74,7 @@ impl<'a> Leaves<'a> {
             Kind::I32 => Value::I32(i32::from_le_bytes(self.bytes()?)),
             Kind::I64 => Value::I64(i64::from_le_bytes(self.bytes()?)),
             Kind::F64 => Value::F64(f64::from_le_bytes(self.bytes()?)),
-            Kind::Array(..) | Kind::Struct(_) => return None,
+            Kind::Bytes(_) | Kind::Array(..) | Kind::Struct(_) => return None,
         })
     }
 
@@ -98,7 +98,7 @@ mod tests {
         let mut bytes = Vec::new();
         encode(&frame, &mut bytes);
         let stamp = [2, 1, 0, 0, 0, 0, 0, 0];
-        let expected = [&HEADER[..], &stamp, &[0xFF, 7, 0, 0], &[2], &[0xAA, 0xBB, 0, 0, 0, 0, 0, 0]].concat();
+        let expected = [&HEADER[..], &stamp, &[0xFF, 7, 0, 0], &[0, 0, 0, 0], &[2, 0, 0, 0], &[0xAA, 0xBB]].concat();
         assert_eq!(bytes, expected);
         assert_eq!(decode::<BusFrame>(&bytes), Some(frame));
     }

@@ -43,6 +43,7 @@ fn type_name(kind: &Kind) -> String {
         Kind::I32 => "int32".into(),
         Kind::I64 => "int64".into(),
         Kind::F64 => "float64".into(),
+        Kind::Bytes(most) => format!("uint8[<={most}]"),
         Kind::Array(element, n) => format!("{}[{n}]", type_name(element)),
         Kind::Struct(shape) => format!("compass/{}", shape.name),
     }
@@ -84,6 +85,12 @@ fn walk_fields(fields: &[FieldShape], path: &str, source: &mut Leaves<'_>, out: 
 fn walk(kind: &Kind, path: &str, source: &mut Leaves<'_>, out: &mut Vec<NamedLeaf>) -> Option<()> {
     match kind {
         Kind::Struct(shape) => walk_fields(shape.fields, path, source, out),
+        Kind::Bytes(most) => match source.take(Kind::U32)? {
+            Value::U32(n) if usize::try_from(n).is_ok_and(|n| n <= *most) => {
+                (0..n).try_for_each(|i| walk(&Kind::U8, &format!("{path}[{i}]"), source, out))
+            }
+            _ => None,
+        },
         Kind::Array(element, n) => (0..*n).try_for_each(|i| walk(element, &format!("{path}[{i}]"), source, out)),
         leaf => {
             out.push((path.to_owned(), source.take(*leaf)?));

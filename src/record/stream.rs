@@ -172,7 +172,7 @@ impl<E, F: FnMut(Stream, Stamp, &[u8]) -> Result<(), E>> Sink<'_, F> {
     }
 
     fn frames(&mut self, stream: Stream, batch: &FrameBatch) -> Result<(), E> {
-        batch.as_slice().iter().try_for_each(|frame| self.put(stream, frame.stamp, frame))
+        batch.iter().try_for_each(|frame| self.put(stream, frame.stamp, &frame))
     }
 }
 
@@ -307,7 +307,7 @@ pub(crate) mod tests {
                 Kind::I32 => Value::I32(bits as i32),
                 Kind::I64 => Value::I64(bits as i64),
                 Kind::F64 => Value::F64(f64::from_bits(bits)),
-                Kind::Array(..) | Kind::Struct(_) => return None,
+                Kind::Bytes(_) | Kind::Array(..) | Kind::Struct(_) => return None,
             })
         };
         let mut record = TickRecord::take(&mut source).unwrap();
@@ -319,14 +319,21 @@ pub(crate) mod tests {
         record
     }
 
-    /// Sets the count; what lies beyond it is no part of the message.
+    /// Classic and CAN-FD frames, as many as are drawn or fit.
     fn fill(batch: &mut FrameBatch, rng: &mut ChaCha8Rng) -> bool {
-        batch.count = (rng.next_u64() % (MAX_FRAMES as u64 + 1)) as u8;
-        let count = usize::from(batch.count);
-        for slot in &mut batch.frames[..count] {
-            slot.frame = CanFrame::new(rng.next_u64() as u16, &rng.next_u64().to_le_bytes()[..8]);
+        *batch = FrameBatch::default();
+        for _ in 0..rng.next_u64() % (MAX_FRAMES as u64 + 1) {
+            let (id, bytes) = (rng.next_u64(), rng.next_u64().to_le_bytes());
+            let frame = match id % 4 {
+                0 => CanFrame::fd(id as u32, &bytes.repeat(8)[..(id >> 32) as usize % 65], 0x50),
+                _ => CanFrame::new(id as u16, &bytes[..(id >> 32) as usize % 9]),
+            };
+            let item = BusFrame { stamp: Stamp(rng.next_u64().cast_signed()), frame };
+            if !batch.has_room(&frame) {
+                break;
+            }
+            batch.push(item);
         }
-        batch.frames[count..].fill(BusFrame::default());
         true
     }
 

@@ -114,7 +114,7 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
         self.walk.step(&desk.input, &mut desk.record);
         for ((wire, frames), down) in self.wires.iter_mut().zip(&desk.record.output.send).zip(&mut desk.link_down) {
             *down = false;
-            for frame in frames.as_slice() {
+            for frame in frames {
                 *down |= self.progress.sent(wire.send(&frame.frame));
             }
         }

@@ -58,7 +58,7 @@ impl LastWords {
     fn speak(&mut self) -> u32 {
         let mut refused = 0;
         for (batch, wire) in self.frames.iter().zip(&mut self.wires) {
-            for frame in batch.as_slice() {
+            for frame in batch {
                 refused += u32::from(wire.send(&frame.frame).is_err());
             }
         }

@@ -84,7 +84,7 @@ impl Lockstep {
         self.input.operator = self.hand.poll(self.input.now, self.record.status.mode);
         self.tick.step(&self.input, &mut self.record);
         for (bus, frames) in self.record.output.send.iter().enumerate() {
-            for frame in frames.as_slice() {
+            for frame in frames {
                 // A full queue before the wire shows as a stalled bus, as on the robot.
                 let _accepted = self.plant.deliver(bus, &frame.frame);
             }

@@ -9,10 +9,10 @@ use super::noise::Noise;
 use super::wire::{Delivered, Wire};
 use super::{Reading, World};
 use crate::base::time::{Span, Stamp};
-use crate::bus::canopen::{Node, Object};
+use crate::bus::canopen::Object;
 use crate::bus::cia402::State;
 use crate::config::checked::{Config, DriveConfig, Hip, Robot, Simulation, Toe};
-use crate::msg::{BUSES, BusFrame, CanFrame, DRIVES, Drive, FrameBatch, MAX_FRAMES, TOES};
+use crate::msg::{BUSES, BusFrame, CanFrame, DRIVES, Drive, FrameBatch, TOES};
 use std::collections::VecDeque;
 
 /// The controller's place among the senders of a wire; drive k is sender k + 1.
@@ -102,10 +102,11 @@ impl Plant {
     pub fn with_world(config: &Config, world: Box<dyn World>) -> Self {
         let robot = &config.robot;
         let units = Units::new(robot);
-        let drives = robot.drives.iter().enumerate().map(|(index, drive)| {
-            let node = Node::new(drive.node).unwrap_or(Node::MASTER);
-            SimDrive::new(drive, node, electrics(drive, index, &units, &config.simulation))
-        });
+        let drives = robot
+            .drives
+            .iter()
+            .enumerate()
+            .map(|(index, drive)| SimDrive::new(drive, electrics(drive, index, &units, &config.simulation)));
         let timed = config.simulation.bus_timing;
         let reading = world.reading();
         Self {
@@ -209,9 +210,9 @@ impl Plant {
 
     /// Frames that have reached the controller, as many as fit.
     pub fn take_frames(&mut self, bus: usize, batch: &mut FrameBatch) {
-        while usize::from(batch.count) < MAX_FRAMES {
-            let Some(frame) = self.to_host[bus].pop_front() else { break };
-            batch.push(frame);
+        while let Some(frame) = self.to_host[bus].front().filter(|f| batch.has_room(&f.frame)) {
+            batch.push(*frame);
+            self.to_host[bus].pop_front();
         }
         batch.dropped = batch.dropped.max(self.dropped[bus]);
     }

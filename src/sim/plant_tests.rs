@@ -1,6 +1,7 @@
 //! The master of a bus against the simulated drives: whole walks over the wire.
 
 use super::*;
+use crate::bus::canopen::Node;
 use crate::bus::cia402::State;
 use crate::bus::line::{Line, SetupFault};
 use crate::config;
@@ -67,7 +68,7 @@ impl Walk {
             self.lines[bus].receive(now, now, &self.received[bus], BusHealth::Active, &mut self.feedbacks);
             self.sent[bus].clear();
             self.lines[bus].transmit(now, &self.commands, &mut self.sent[bus]);
-            for frame in self.sent[bus].as_slice() {
+            for frame in &self.sent[bus] {
                 self.plant.deliver(bus, &frame.frame);
             }
         }
@@ -112,7 +113,7 @@ impl Walk {
     fn hip_torques_sent(&self) -> Vec<i16> {
         let id = u32::from(Object::Rpdo(1, Node::new(self.config.robot.drives[0].node).unwrap()).id());
         let bus = self.config.robot.drives[0].bus;
-        let frames = self.sent[bus].as_slice().iter().filter(|f| f.frame.id == id);
+        let frames = self.sent[bus].iter().filter(|f| f.frame.id == id);
         frames.map(|f| i16::from_le_bytes([f.frame.data[2], f.frame.data[3]])).collect()
     }
 }
@@ -272,7 +273,7 @@ fn a_drive_fault_is_told_and_reset_only_after_the_goal_was_dropped() {
 #[test]
 fn a_heartbeat_that_stops_makes_the_drive_lost() {
     let mut w = Walk::enabled();
-    w.plant.drive_mut(Drive::OuterToeA).defects.no_heartbeat = true;
+    w.plant.drive_mut(Drive::OuterToeA).defects_mut().no_heartbeat = true;
     let limit = w.config.robot.drives[3].heartbeat.0 / 1_000_000 * 3 + 5;
     w.until(limit, |w| w.feedbacks.drives[3].state == DriveState::Lost);
     assert_eq!(w.feedbacks.drives[3].error_code, SetupFault::HeartbeatLost as u16);
@@ -281,9 +282,9 @@ fn a_heartbeat_that_stops_makes_the_drive_lost() {
 #[test]
 fn a_drive_without_the_mode_or_without_answer_is_refused() {
     let mut w = walk();
-    w.plant.drive_mut(Drive::Hip).defects.no_torque_mode = true;
+    w.plant.drive_mut(Drive::Hip).defects_mut().no_torque_mode = true;
     w.plant.reboot_drive(Drive::Hip);
-    w.plant.drive_mut(Drive::OuterToeB).defects.mute_server = true;
+    w.plant.drive_mut(Drive::OuterToeB).defects_mut().mute_server = true;
     w.command(DriveGoal::Disabled, 0);
     w.until(500, |w| w.feedbacks.drives[0].error_code == SetupFault::ModeUnsupported as u16);
     w.until(1000, |w| w.feedbacks.drives[4].error_code == SetupFault::NoAnswer as u16);

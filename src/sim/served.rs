@@ -132,7 +132,7 @@ impl Served {
         for (bus, socket) in self.buses.iter_mut().enumerate() {
             let mut batch = FrameBatch::default();
             self.plant.take_frames(bus, &mut batch);
-            for frame in batch.as_slice() {
+            for frame in &batch {
                 match socket.send(&frame.frame) {
                     Ok(()) => self.traffic.sent += 1,
                     Err(_) => self.traffic.refused += 1,

@@ -12,6 +12,7 @@
 //! RT: yes; `new` allocates.
 
 mod drive;
+mod member;
 mod setup;
 
 use super::budget;
@@ -23,10 +24,11 @@ use crate::config::checked::{RealTime, Robot, Trigger};
 use crate::msg::{BusFrame, BusHealth, CanFrame, DRIVES, DriveCommand, DriveCommands, DriveFeedbacks, FrameBatch};
 use drive::DriveLine;
 pub(super) use drive::Slot;
+use member::Member;
 pub use setup::SetupFault;
 
 /// The frame that is the clock of the bus.
-pub const SYNC_FRAME: CanFrame = CanFrame { id: 0x080, len: 0, data: [0; 8] };
+pub const SYNC_FRAME: CanFrame = CanFrame::empty(0x080);
 /// A probe that is not echoed is repeated after this.
 const PROBE_EVERY: Span = Span::from_ms(100);
 /// Shortest time from sending a command and SYNC to the answer: 79 + 47 + 95 bits without stuffing at 1 Mbit/s.
@@ -106,7 +108,7 @@ pub struct Line {
     sync_seen: Stamp,
     stall: Option<Stall>,
     next_setup: usize,
-    drives: [Option<DriveLine>; DRIVES],
+    drives: [Option<Member>; DRIVES],
     counters: LineCounters,
 }
 
@@ -121,7 +123,7 @@ impl Line {
         let mut watchdog = Span(i64::MAX);
         for (index, (slot, config)) in drives.iter_mut().zip(&robot.drives).enumerate() {
             if let (Some(at), Some(node)) = (plan.slot(index), Node::new(config.node)) {
-                *slot = Some(DriveLine::new(index, node, config, at, real_time));
+                *slot = Some(Member::Canopen(DriveLine::new(index, node, config, at, real_time)));
                 watchdog = watchdog.min(config.watchdog);
             }
         }
@@ -158,13 +160,13 @@ impl Line {
     ) {
         let listened = self.listening.advance(heard_until);
         self.waited = if self.is_waiting() { Span(self.waited.0.saturating_add(listened.0)) } else { Span::ZERO };
-        for frame in frames.as_slice() {
-            self.take(frame);
+        for frame in frames {
+            self.take(&frame);
         }
         self.supervise(now, health);
         for drive in self.drives.iter().flatten() {
-            if let Some(feedback) = feedbacks.drives.get_mut(drive.index) {
-                *feedback = drive.feedback;
+            if let Some(feedback) = feedbacks.drives.get_mut(drive.index()) {
+                *feedback = *drive.feedback();
             }
         }
         if let Some(slot) = feedbacks.health.get_mut(self.bus) {
@@ -189,8 +191,7 @@ impl Line {
     /// can be taken once and kept for a panic hook.
     pub fn stop_frames(&self, out: &mut FrameBatch) {
         for drive in self.drives.iter().flatten() {
-            let pdo = drive.stop_command();
-            out.push(BusFrame { stamp: Stamp::default(), frame: Message::Rpdo(1, drive.node, pdo).emit() });
+            drive.stop_frames(out);
         }
         out.push(BusFrame { stamp: Stamp::default(), frame: SYNC_FRAME });
     }
@@ -232,11 +233,15 @@ impl Line {
     }
 
     fn drive(&self, node: Node) -> Option<usize> {
-        self.drives.iter().flatten().find(|d| d.node == node).map(|d| d.index)
+        let mut drives = self.drives.iter().flatten();
+        drives.find(|member| matches!(member, Member::Canopen(drive) if drive.node == node)).map(Member::index)
     }
 
     fn with(&mut self, node: Node, act: impl FnOnce(&mut DriveLine, &mut LineCounters)) {
-        match self.drives.iter_mut().flatten().find(|d| d.node == node) {
+        let found = self.drives.iter_mut().flatten().find_map(|member| match member {
+            Member::Canopen(drive) => Some(drive).filter(|drive| drive.node == node),
+        });
+        match found {
             Some(drive) => act(drive, &mut self.counters),
             None => self.count_foreign(),
         }
@@ -262,9 +267,7 @@ impl Line {
     fn prove_departure(&mut self, until: Stamp) {
         self.waited = Span::ZERO;
         for drive in self.drives.iter_mut().flatten() {
-            if drive.command_in_flight.is_some_and(|at| at <= until) {
-                drive.command_in_flight = None;
-            }
+            drive.prove_departure(until);
         }
     }
 
@@ -283,7 +286,7 @@ impl Line {
             self.prove_departure(sent);
         }
         let sampled = if self.sync_seen <= stamp && self.sync_seen != Stamp::NEVER { self.sync_seen } else { stamp };
-        if let Some(drive) = self.drives.get_mut(index).and_then(Option::as_mut) {
+        if let Some(Member::Canopen(drive)) = self.drives.get_mut(index).and_then(Option::as_mut) {
             drive.on_answer(answer, sampled);
         }
     }
@@ -299,7 +302,7 @@ impl Line {
             None if dead || overdue => {
                 self.counters.stalls += 1;
                 self.stall = Some(Stall { probe: None, link_dead });
-                self.drives.iter_mut().flatten().for_each(DriveLine::on_stall);
+                self.drives.iter_mut().flatten().for_each(Member::on_stall);
             }
             None => {}
             Some(stall) => {
@@ -312,12 +315,13 @@ impl Line {
 
     /// How long the oldest frame in flight has been so.
     fn in_flight_for(&self, now: Stamp) -> Span {
-        let oldest = self.drives.iter().flatten().filter_map(|d| d.command_in_flight).chain(self.sync_in_flight).min();
+        let oldest =
+            self.drives.iter().flatten().filter_map(Member::command_in_flight).chain(self.sync_in_flight).min();
         oldest.map_or(Span::ZERO, |sent| now.since(sent))
     }
 
     fn is_waiting(&self) -> bool {
-        self.sync_in_flight.is_some() || self.drives.iter().flatten().any(|drive| drive.command_in_flight.is_some())
+        self.sync_in_flight.is_some() || self.drives.iter().flatten().any(|drive| drive.command_in_flight().is_some())
     }
 
     fn probe(&mut self, now: Stamp, out: &mut FrameBatch) {
@@ -354,17 +358,16 @@ impl Line {
 
     fn put_commands(&mut self, now: Stamp, phase: u32, commands: &DriveCommands, out: &mut FrameBatch) {
         for drive in self.drives.iter_mut().flatten() {
-            let command = commands.drives.get(drive.index).copied().unwrap_or(DriveCommand::default());
+            let command = commands.drives.get(drive.index()).copied().unwrap_or(DriveCommand::default());
             drive.note_goal(command.goal);
             if !drive.wants_command(phase, &command) {
                 continue;
             }
-            if drive.command_in_flight.is_some() {
+            if drive.command_in_flight().is_some() {
                 self.counters.withheld = self.counters.withheld.saturating_add(1);
                 continue;
             }
-            let pdo = drive.command(now, &command);
-            out.push(BusFrame { stamp: now, frame: Message::Rpdo(1, drive.node, pdo).emit() });
+            out.push(BusFrame { stamp: now, frame: drive.command(now, &command) });
         }
     }
 

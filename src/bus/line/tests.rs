@@ -30,7 +30,7 @@ fn cycle(line: &mut Line, now: Stamp, sent: &FrameBatch, more: &[CanFrame]) -> (
 }
 
 fn ids(batch: &FrameBatch) -> Vec<u32> {
-    batch.as_slice().iter().map(|f| f.frame.id).collect()
+    batch.iter().map(|f| f.frame.id).collect()
 }
 
 #[test]
@@ -82,7 +82,7 @@ fn set_up_begins_with_a_reset_of_each_drive_and_takes_one_frame_per_cycle() {
     let mut resets = 0;
     for k in 0..8 {
         (out, _) = cycle(&mut line, at_ms(k), &out, &[]);
-        let nmt = out.as_slice().iter().filter(|f| f.frame.id == 0).count();
+        let nmt = out.iter().filter(|f| f.frame.id == 0).count();
         assert!(nmt <= 1);
         assert_eq!(ids(&out).last(), Some(&0x080), "SYNC closes the cycle");
         resets += nmt;
@@ -93,8 +93,7 @@ fn set_up_begins_with_a_reset_of_each_drive_and_takes_one_frame_per_cycle() {
 #[test]
 fn first_question_after_boot_up_is_the_device_type_and_a_stranger_is_refused() {
     let mut line = line(1);
-    let node = line.drives.iter().flatten().next().unwrap().node;
-    let index = line.drives.iter().flatten().next().unwrap().index;
+    let Member::Canopen(DriveLine { node, index, .. }) = *line.drives.iter().flatten().next().unwrap();
     let mut out = FrameBatch::default();
     for k in 0..8 {
         (out, _) = cycle(&mut line, at_ms(k), &out, &[]);
@@ -103,11 +102,7 @@ fn first_question_after_boot_up_is_the_device_type_and_a_stranger_is_refused() {
     let mut question = None;
     (out, _) = cycle(&mut line, at_ms(8), &out, &[boot]);
     for k in 9..14 {
-        question = question.or(out
-            .as_slice()
-            .iter()
-            .map(|f| f.frame)
-            .find(|f| f.id == u32::from(Object::SdoRequest(node).id())));
+        question = question.or(out.iter().map(|f| f.frame).find(|f| f.id == u32::from(Object::SdoRequest(node).id())));
         (out, _) = cycle(&mut line, at_ms(k), &out, &[]);
     }
     let ask = SdoRequest::Read(Address::new(0x1000, 0));
@@ -161,11 +156,11 @@ fn stop_frames_disable_every_node_and_end_with_sync() {
     let mut out = FrameBatch::default();
     line(0).stop_frames(&mut out);
     assert_eq!(out.count, 4);
-    for frame in &out.as_slice()[..3] {
+    for frame in out.iter().take(3) {
         let Ok(Message::Rpdo(1, _, PdoData { data, .. })) = Message::parse(&frame.frame) else {
             panic!("{frame:?} is no command");
         };
         assert_eq!(data, [0; 8]);
     }
-    assert_eq!(out.as_slice()[3].frame, SYNC_FRAME);
+    assert_eq!(out.iter().nth(3).unwrap().frame, SYNC_FRAME);
 }

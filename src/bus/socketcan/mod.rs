@@ -16,7 +16,7 @@ pub mod link_report;
 use super::link;
 use super::{Duplex, Receive, SendError, Transmit};
 use crate::base::time::{Span, Stamp};
-use crate::msg::{BusFrame, BusHealth, CanFrame};
+use crate::msg::{BusFrame, BusHealth, CanFrame, MAX_DATA};
 use socketcan::{CanSocket, Socket, SocketOptions};
 use std::io::{Error, ErrorKind};
 use std::os::fd::{AsRawFd, RawFd};
@@ -83,6 +83,8 @@ impl SocketCan {
         socket.set_error_filter_accept_all()?;
         socket.set_recv_timestamp(true)?;
         socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)?;
+        // Harmless on a classic interface: frames beyond its MTU are refused when they are sent.
+        socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)?;
         let shared = Arc::new(Shared {
             socket,
             end,
@@ -152,11 +154,12 @@ impl Transmit for CanTx {
     fn send(&mut self, frame: &CanFrame) -> Result<(), SendError> {
         // Counted before, because the echo may be read before `write` returns.
         self.shared.note_sent();
-        let raw = RawFrame { id: frame.id, len: frame.len.min(8), padding: [0; 3], data: frame.data };
-        // SAFETY: 16 readable bytes with the layout of can_frame; the descriptor is open as long as `shared` lives.
-        let written =
-            unsafe { libc::write(self.shared.socket.as_raw_fd(), (&raw const raw).cast(), size_of_val(&raw)) };
-        if usize::try_from(written) == Ok(size_of_val(&raw)) {
+        let raw = RawFrame { id: frame.id, len: frame.len, flags: frame.flags, reserved: [0; 2], data: frame.data };
+        let length = if frame.is_fd() { FD_BYTES } else { CLASSIC_BYTES };
+        // SAFETY: 72 readable bytes with the layout of canfd_frame, whose first 16 are a can_frame; the descriptor is
+        // open as long as `shared` lives.
+        let written = unsafe { libc::write(self.shared.socket.as_raw_fd(), (&raw const raw).cast(), length) };
+        if usize::try_from(written) == Ok(length) {
             return Ok(());
         }
         self.shared.sent.fetch_sub(1, Ordering::AcqRel);
@@ -173,7 +176,7 @@ impl Transmit for CanTx {
 impl Receive for CanRx {
     fn receive(&mut self) -> Option<BusFrame> {
         let received = receive_message(self.shared.socket.as_raw_fd());
-        let Received { raw, own, stamp, drops } = match received {
+        let Received { raw, fd, own, stamp, drops } = match received {
             Ok(received) => received,
             Err(error) => {
                 if !matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) {
@@ -189,7 +192,7 @@ impl Receive for CanRx {
         } else if own {
             self.shared.note_echo();
         }
-        let frame = CanFrame { id: raw.id, len: raw.len.min(8), data: raw.data };
+        let frame = raw.frame(fd);
         if frame.is_error() {
             self.shared.note_error_frame(&frame);
         }
@@ -209,21 +212,42 @@ impl Receive for CanRx {
     }
 }
 
-/// `struct can_frame`.
-#[derive(Clone, Copy, Debug, Default)]
+/// Bytes of `struct can_frame`.
+const CLASSIC_BYTES: usize = 16;
+/// Bytes of `struct canfd_frame`: an FD socket tells the kinds apart by the number read or written.
+const FD_BYTES: usize = 72;
+
+/// `struct canfd_frame`; its first 16 bytes are a `struct can_frame`.
+#[derive(Clone, Copy, Debug)]
 #[repr(C, align(8))]
 struct RawFrame {
     id: u32,
     len: u8,
-    padding: [u8; 3],
-    data: [u8; 8],
+    flags: u8,
+    reserved: [u8; 2],
+    data: [u8; MAX_DATA],
 }
 
-const _: () = assert!(size_of::<RawFrame>() == 16);
+const _: () = assert!(size_of::<RawFrame>() == FD_BYTES);
+
+impl RawFrame {
+    const EMPTY: Self = Self { id: 0, len: 0, flags: 0, reserved: [0; 2], data: [0; MAX_DATA] };
+
+    /// In a classic frame the flags' place is padding.
+    fn frame(&self, fd: bool) -> CanFrame {
+        if fd {
+            let len = self.len.min(64);
+            CanFrame { id: self.id, len, flags: self.flags | CanFrame::FD, data: self.data }
+        } else {
+            CanFrame { id: self.id, len: self.len.min(8), flags: 0, data: self.data }
+        }
+    }
+}
 
 /// A frame with what the kernel says about it.
 struct Received {
     raw: RawFrame,
+    fd: bool,
     own: bool,
     stamp: Stamp,
     /// Frames that the kernel has dropped on this socket since it was opened.
@@ -235,7 +259,7 @@ struct Received {
 struct Control([u8; 128]);
 
 fn receive_message(fd: RawFd) -> std::io::Result<Received> {
-    let mut raw = RawFrame::default();
+    let mut raw = RawFrame::EMPTY;
     let mut control = Control([0; 128]);
     let mut part = libc::iovec { iov_base: (&raw mut raw).cast(), iov_len: size_of::<RawFrame>() };
     // SAFETY: all-zero is a valid msghdr: null pointers with zero lengths.
@@ -249,14 +273,16 @@ fn receive_message(fd: RawFd) -> std::io::Result<Received> {
     if count < 0 {
         return Err(Error::last_os_error());
     }
-    if usize::try_from(count) != Ok(size_of::<RawFrame>()) {
-        return Err(ErrorKind::UnexpectedEof.into());
-    }
+    let fd = match usize::try_from(count) {
+        Ok(CLASSIC_BYTES) => false,
+        Ok(FD_BYTES) => true,
+        _ => return Err(ErrorKind::UnexpectedEof.into()),
+    };
     let (wall_ns, drops) = read_control(&message);
     // The kernel stamps with wall time; the difference of the clocks now is the difference then, but for a clock step.
     let (now, wall_now) = (link::monotonic_now(), link::clock_ns(libc::CLOCK_REALTIME));
     let stamp = wall_ns.map_or(now, |at| now - Span((wall_now - at).max(0)));
-    Ok(Received { raw, own: message.msg_flags & libc::MSG_CONFIRM != 0, stamp, drops: drops.unwrap_or(0) })
+    Ok(Received { raw, fd, own: message.msg_flags & libc::MSG_CONFIRM != 0, stamp, drops: drops.unwrap_or(0) })
 }
 
 /// Wall time of reception, ns, and drop counter, if told.
@@ -313,7 +339,7 @@ mod tests {
     fn a_bus_off_frame_makes_the_bus_off_and_the_keeper_brings_it_back() {
         let Some(name) = interface() else { return };
         let (mut a, mut b) = (open(&name), open(&name));
-        let error = CanFrame { id: CanFrame::ERROR | ERROR_BUS_OFF, len: 8, data: [0; 8] };
+        let error = CanFrame::classic(CanFrame::ERROR | ERROR_BUS_OFF, &[0; 8]);
         a.send(&error).unwrap();
         let start = link::monotonic_now();
         let within = |ms| link::monotonic_now().since(start) < Span::from_ms(ms);

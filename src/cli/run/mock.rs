@@ -101,7 +101,7 @@ impl Body {
             self.plant.take_frames(bus, &mut self.batch);
             let Some((tx, _)) = end else { continue };
             // A controller that does not read loses frames, as on any adapter.
-            let _lost = self.batch.as_slice().iter().filter(|frame| tx.send_stamped(**frame).is_err()).count();
+            let _lost = self.batch.iter().filter(|frame| tx.send_stamped(*frame).is_err()).count();
         }
         self.bytes.clear();
         self.plant.take_imu_bytes(&mut self.bytes);

@@ -19,7 +19,7 @@ impl Walk for Echoing {
         tick.input = *input;
         tick.output = Default::default();
         for (frames, send) in input.received.iter().zip(&mut tick.output.send) {
-            for frame in frames.as_slice().iter().filter(|f| f.frame.id == 0x181) {
+            for frame in frames.iter().filter(|f| f.frame.id == 0x181) {
                 send.push(BusFrame { stamp: input.now, frame: CanFrame::new(0x201, frame.frame.payload()) });
             }
         }

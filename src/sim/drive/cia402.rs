@@ -4,7 +4,7 @@
 //! When it no longer hears the heartbeat that it watches, or commands stay out beyond the RPDO's timer, it does what
 //! object 0x6007 says: that is the protection that works when our process is killed. RT: no.
 
-use super::objects::{Objects, PdoSetup, Plate};
+use super::Electrics;
 use crate::base::bytes::padded;
 use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::{
@@ -14,6 +14,7 @@ use crate::bus::cia402::State;
 use crate::bus::sdo::SdoValue;
 use crate::config::checked::{DriveConfig, DriveMode};
 use crate::msg::CanFrame;
+use crate::sim::objects::{Objects, PdoSetup, Plate};
 
 /// From reset to boot-up.
 const BOOT_TIME: Span = Span::from_ms(40);
@@ -35,18 +36,9 @@ pub struct Defects {
     pub no_heartbeat: bool,
 }
 
-/// The electrical side of a drive, in 1/1000 of rated torque.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Electrics {
-    /// First-order lag of the current loop, s; 0 = none.
-    pub(super) lag_s: f64,
-    /// What the current limit allows.
-    pub(super) limit_permille: f64,
-}
-
 /// A drive.
 #[derive(Clone, Debug)]
-pub struct SimDrive {
+pub struct Cia402Drive {
     node: Node,
     plate: Plate,
     objects: Objects,
@@ -69,8 +61,9 @@ pub struct SimDrive {
     command_heard: Option<Stamp>,
 }
 
-impl SimDrive {
-    pub(super) fn new(config: &DriveConfig, node: Node, electrics: Electrics) -> Self {
+impl Cia402Drive {
+    pub(super) fn new(config: &DriveConfig, electrics: Electrics) -> Self {
+        let node = Node::new(config.node).unwrap_or(Node::MASTER);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked: positive and small")]
         let rated_torque_mnm = libm::round(config.rated_torque_nm * 1e3) as u32;
         // A drive of the other kind than configured would be another type; ours know both modes.
@@ -131,15 +124,7 @@ impl SimDrive {
     /// Lets the current loop run for `dt` and gives the mean torque of that time, 1/1000 of rated.
     pub fn run_current_loop(&mut self, dt: Span) -> f64 {
         let target = self.torque_target();
-        let (start, lag_s, dt_s) = (self.torque_permille, self.electrics.lag_s, dt.as_s());
-        if lag_s <= 0.0 || dt_s <= 0.0 {
-            self.torque_permille = target;
-            return target;
-        }
-        // Exact for a constant target: i(t) = target + (start - target) exp(-t / lag), and its mean.
-        let left = libm::exp(-dt_s / lag_s);
-        self.torque_permille = target + (start - target) * left;
-        target + (start - target) * (1.0 - left) * lag_s / dt_s
+        self.electrics.run(&mut self.torque_permille, target, dt)
     }
 
     /// The encoder's count, taken over by the next SYNC.

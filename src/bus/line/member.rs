@@ -1,0 +1,103 @@
+//! A drive on the bus, whatever it speaks. RT: yes.
+//!
+//! | variant | protocols | file |
+//! |---|---|---|
+//! | [`Member::Canopen`] | CiA 301 and 402: set up by an object server, in step by SYNC | `drive`, `setup` |
+
+use super::drive::DriveLine;
+use crate::base::time::Stamp;
+use crate::bus::canopen::Message;
+use crate::msg::{BusFrame, CanFrame, DriveCommand, DriveFeedback, DriveGoal, FrameBatch};
+
+/// A drive as its master sees it.
+#[derive(Debug)]
+pub(super) enum Member {
+    /// CANopen.
+    Canopen(DriveLine),
+}
+
+impl Member {
+    /// Its index in [`crate::msg::Drive`].
+    pub(super) const fn index(&self) -> usize {
+        match self {
+            Self::Canopen(drive) => drive.index,
+        }
+    }
+
+    /// What it says.
+    pub(super) const fn feedback(&self) -> &DriveFeedback {
+        match self {
+            Self::Canopen(drive) => &drive.feedback,
+        }
+    }
+
+    /// When its command went out, while nothing proves that it left the wire.
+    pub(super) const fn command_in_flight(&self) -> Option<Stamp> {
+        match self {
+            Self::Canopen(drive) => drive.command_in_flight,
+        }
+    }
+
+    /// What was sent until then has left.
+    pub(super) fn prove_departure(&mut self, until: Stamp) {
+        let in_flight = match self {
+            Self::Canopen(drive) => &mut drive.command_in_flight,
+        };
+        *in_flight = in_flight.filter(|at| *at > until);
+    }
+
+    /// The bus is dead: everything known of the drive is void.
+    pub(super) fn on_stall(&mut self) {
+        match self {
+            Self::Canopen(drive) => drive.on_stall(),
+        }
+    }
+
+    /// Deadlines.
+    pub(super) fn supervise(&mut self, now: Stamp) {
+        match self {
+            Self::Canopen(drive) => drive.supervise(now),
+        }
+    }
+
+    /// The next frame of its set-up, if one is due in this phase of the round.
+    pub(super) fn setup_frame(&mut self, now: Stamp, phase: u32) -> Option<CanFrame> {
+        match self {
+            Self::Canopen(drive) => drive.setup_frame(now, phase),
+        }
+    }
+
+    /// The goal of this cycle, whether or not a command goes out in it.
+    pub(super) fn note_goal(&mut self, goal: DriveGoal) {
+        match self {
+            Self::Canopen(drive) => drive.note_goal(goal),
+        }
+    }
+
+    /// True if a command should go out in this phase of the round: its turn, or the goal drops.
+    pub(super) fn wants_command(&self, phase: u32, command: &DriveCommand) -> bool {
+        match self {
+            Self::Canopen(drive) => drive.wants_command(phase, command),
+        }
+    }
+
+    /// The command.
+    pub(super) fn command(&mut self, now: Stamp, command: &DriveCommand) -> CanFrame {
+        match self {
+            Self::Canopen(drive) => {
+                let pdo = drive.command(now, command);
+                Message::Rpdo(1, drive.node, pdo).emit()
+            }
+        }
+    }
+
+    /// Zero torque and no power, whatever the state.
+    pub(super) fn stop_frames(&self, out: &mut FrameBatch) {
+        match self {
+            Self::Canopen(drive) => {
+                let frame = Message::Rpdo(1, drive.node, drive.stop_command()).emit();
+                out.push(BusFrame { stamp: Stamp::default(), frame });
+            }
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The simulated drives: each speaks its protocol's bytes and knows nothing but frames and its shaft. RT: no.
+
+pub mod cia402;
+
+use crate::base::time::{Span, Stamp};
+use crate::bus::cia402::State;
+use crate::config::checked::{DriveConfig, DriveProtocol};
+use crate::msg::CanFrame;
+use cia402::Cia402Drive;
+pub use cia402::Defects;
+
+/// The electrical side of a drive, in 1/1000 of rated torque.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Electrics {
+    /// First-order lag of the current loop, s; 0 = none.
+    pub(super) lag_s: f64,
+    /// What the current limit allows.
+    pub(super) limit_permille: f64,
+}
+
+impl Electrics {
+    /// Lets the current loop run for `dt` towards `target` and gives the mean torque of that time.
+    fn run(&self, torque: &mut f64, target: f64, dt: Span) -> f64 {
+        let (start, lag_s, dt_s) = (*torque, self.lag_s, dt.as_s());
+        if lag_s <= 0.0 || dt_s <= 0.0 {
+            *torque = target;
+            return target;
+        }
+        // Exact for a constant target: i(t) = target + (start - target) exp(-t / lag), and its mean.
+        let left = libm::exp(-dt_s / lag_s);
+        *torque = target + (start - target) * left;
+        target + (start - target) * (1.0 - left) * lag_s / dt_s
+    }
+}
+
+/// A drive, whatever it speaks.
+#[derive(Clone, Debug)]
+pub enum SimDrive {
+    /// CANopen, CiA 402.
+    Cia402(Box<Cia402Drive>),
+}
+
+impl SimDrive {
+    pub(super) fn new(config: &DriveConfig, electrics: Electrics) -> Self {
+        match config.protocol {
+            DriveProtocol::Cia402 => Self::Cia402(Box::new(Cia402Drive::new(config, electrics))),
+        }
+    }
+
+    /// What can be broken on purpose.
+    pub fn defects_mut(&mut self) -> &mut Defects {
+        match self {
+            Self::Cia402(drive) => &mut drive.defects,
+        }
+    }
+
+    /// Its power state in the words of CiA 402.
+    #[must_use]
+    pub fn state(&self) -> State {
+        match self {
+            Self::Cia402(drive) => drive.state(),
+        }
+    }
+
+    /// Torque that the motor makes, 1/1000 of rated.
+    #[must_use]
+    pub fn torque_permille(&self) -> f64 {
+        match self {
+            Self::Cia402(drive) => drive.torque_permille(),
+        }
+    }
+
+    /// Position that its loop drives to, counts; `None` while it has no power or no such mode.
+    #[must_use]
+    pub fn target_counts(&self) -> Option<i32> {
+        match self {
+            Self::Cia402(drive) => drive.target_counts(),
+        }
+    }
+
+    /// Lets the current loop run for `dt` and gives the mean torque of that time, 1/1000 of rated.
+    pub fn run_current_loop(&mut self, dt: Span) -> f64 {
+        match self {
+            Self::Cia402(drive) => drive.run_current_loop(dt),
+        }
+    }
+
+    /// The encoder's count.
+    pub fn set_position(&mut self, counts: i32) {
+        match self {
+            Self::Cia402(drive) => drive.set_position(counts),
+        }
+    }
+
+    /// The analogue input's count.
+    pub fn set_analog(&mut self, counts: i16) {
+        match self {
+            Self::Cia402(drive) => drive.set_analog(counts),
+        }
+    }
+
+    /// A frame on its bus; what it answers goes to `out`.
+    pub fn hear(&mut self, now: Stamp, frame: &CanFrame, out: &mut Vec<CanFrame>) {
+        match self {
+            Self::Cia402(drive) => drive.hear(now, frame, out),
+        }
+    }
+
+    /// What it does by itself. To be called once per millisecond.
+    pub fn tick(&mut self, now: Stamp, out: &mut Vec<CanFrame>) {
+        match self {
+            Self::Cia402(drive) => drive.tick(now, out),
+        }
+    }
+
+    /// Cold start, as after a loss of power.
+    pub fn reboot(&mut self, now: Stamp) {
+        match self {
+            Self::Cia402(drive) => drive.reboot(now),
+        }
+    }
+
+    /// A fault of its own: it shouts, stops, and stays faulted until reset.
+    pub fn fail(&mut self, code: u16, out: &mut Vec<CanFrame>) {
+        match self {
+            Self::Cia402(drive) => drive.fail(code, out),
+        }
+    }
+}
