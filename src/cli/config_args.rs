@@ -26,10 +26,23 @@ impl ConfigArgs {
     /// # Errors
     /// Everything that is wrong, at once.
     pub fn load(&self) -> Result<Resolved, Errors> {
+        self.load_for(false)
+    }
+
+    /// The same for `compass plant`, which is the simulated robot on real buses.
+    ///
+    /// # Errors
+    /// Everything that is wrong, at once.
+    pub fn load_as_robot(&self) -> Result<Resolved, Errors> {
+        self.load_for(true)
+    }
+
+    fn load_for(&self, plays_robot: bool) -> Result<Resolved, Errors> {
         let resolved = config::load_choice(Choice {
             path: self.path.as_deref(),
             model: self.model.as_deref(),
             overrides: &self.overrides,
+            plays_robot,
         })?;
         for warning in &resolved.warnings {
             // Nobody to tell when stderr is gone.

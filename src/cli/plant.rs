@@ -36,7 +36,7 @@ pub(crate) struct Args {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
-        let config = self.config.load()?.config;
+        let config = self.config.load_as_robot()?.config;
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM] {
             signal_hook::flag::register(signal, Arc::clone(&stop))?;

@@ -32,7 +32,9 @@ Examples:
   compass run                                          the simulated robot balances until Ctrl-C
   compass run --for 30s --record log                   and is recorded
   compass run --config /etc/compass                    a robot's own configuration
-  compass run --set robot.bus0.backend=socketcan:can0 --set robot.bus1.backend=socketcan:can1
+  compass run --config /etc/compass --record log       real buses, IMU and dead-man switch are named there
+
+Real buses with the simulated hand or the simulated IMU are refused: motors would run with nobody there.
 
 Exit codes: 0 fine, 1 a fault was latched, 2 configuration, 3 a device, 70 internal.")]
 pub(crate) struct Args {

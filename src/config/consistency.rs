@@ -1,6 +1,6 @@
 //! Checks across keys: can this robot exist, can these buses carry it? RT: before arming only.
 
-use super::checked::{BusBackend, Config, DriveConfig, DriveMode, Model, Robot};
+use super::checked::{BusBackend, Config, DriveConfig, DriveMode, Model, Operator, Robot, SerialBackend};
 use super::problem::Problem;
 use super::reader::Log;
 use crate::msg::{Drive, Leg};
@@ -128,6 +128,24 @@ fn backends(robot: &Robot, log: &Log) {
             log.error(problem("robot.bus0, robot.bus1", format!("both are interface {a}")));
         }
         _ => {}
+    }
+}
+
+/// Real motors, and a hand or an attitude that a program makes up: nobody holds the robot. `compass plant` is exempt, it
+/// is the simulated robot itself.
+pub(super) fn made_up_senses(robot: &Robot, log: &Log) {
+    if robot.is_simulated() {
+        return;
+    }
+    if robot.operator == Operator::Simulated {
+        let what = "the buses are real and the hand on the dead-man switch is simulated: motors would run with nobody \
+                    there. Must be \"socket:/PATH\"";
+        log.error(problem("robot.operator.source", what.to_owned()));
+    }
+    if robot.imu.backend == SerialBackend::Mock {
+        let what = "the buses are real and the IMU is simulated: torque would follow an attitude that is made up. Must \
+                    be the path of a device";
+        log.error(problem("robot.imu.backend", what.to_owned()));
     }
 }
 

@@ -60,7 +60,7 @@ pub struct Resolved {
 /// # Errors
 /// Everything that is wrong, at once.
 pub fn load(path: Option<&Path>, overrides: &[String]) -> Result<Resolved, Errors> {
-    load_choice(Choice { path, overrides, model: None })
+    load_choice(Choice { path, overrides, ..Choice::default() })
 }
 
 /// What a person chose on the command line.
@@ -72,6 +72,8 @@ pub struct Choice<'a> {
     pub model: Option<&'a Path>,
     /// Single values, `key=value`; go last.
     pub overrides: &'a [String],
+    /// The program is the simulated robot itself on real buses, so nobody's hand and no real IMU is needed.
+    pub plays_robot: bool,
 }
 
 /// [`load`] with the model of a diagnosis.
@@ -92,15 +94,17 @@ pub fn load_choice(choice: Choice<'_>) -> Result<Resolved, Errors> {
     for text in choice.overrides {
         typed.add_override(text);
     }
+    typed.plays_robot = choice.plays_robot;
     typed.resolve()
 }
 
-/// Reads the canonical text of a recording, with overrides as on the command line.
+/// Reads the canonical text of a recording, with overrides as on the command line. It moves no motor, whatever it says
+/// of hand and IMU.
 ///
 /// # Errors
 /// Everything that is wrong: the text is from another version of this program, or damaged.
 pub fn from_canonical(text: &str, overrides: &[String]) -> Result<Resolved, Errors> {
-    let mut typed = Typed::default();
+    let mut typed = Typed { plays_robot: true, ..Typed::default() };
     typed.add_sections("recorded configuration", text);
     for text in overrides {
         typed.add_override(text);
@@ -115,6 +119,7 @@ struct Typed {
     model: Option<RigModel>,
     overrides: Vec<(String, Node)>,
     problems: Vec<Problem>,
+    plays_robot: bool,
 }
 
 impl Typed {
@@ -207,6 +212,9 @@ impl Typed {
         };
         if log.is_clean() {
             consistency::check(&config, &log);
+            if !self.plays_robot {
+                consistency::made_up_senses(&config.robot, &log);
+            }
         }
         let (text, mut warnings) = log.finish()?;
         warnings.extend(notes);

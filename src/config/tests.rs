@@ -75,9 +75,26 @@ fn syntax_errors_are_told_with_their_line() {
 
 #[test]
 fn set_table_of_a_file_changes_single_keys_of_the_default() {
-    let text = "[set]\nrobot.bus0.backend = \"socketcan:can0\"\nrobot.bus1.backend = \"socketcan:can1\"\n";
+    let text = "[set]\nrobot.bus0.backend = \"socketcan:can0\"\nrobot.bus1.backend = \"socketcan:can1\"\n\
+                robot.imu.backend = \"/dev/compass-imu\"\nrobot.operator.source = \"socket:/run/compass/operator\"\n";
     let config = file("real.toml", text).unwrap().config;
     assert_eq!(config.robot.buses[1].backend, checked::BusBackend::SocketCan("can1".into()));
+}
+
+#[test]
+fn real_buses_want_a_real_hand_and_a_real_imu_but_the_simulated_robot_does_not() {
+    let real = ["robot.bus0.backend=socketcan:can0", "robot.bus1.backend=socketcan:can1"].map(String::from);
+    let refused = |more: &[&str]| {
+        let overrides: Vec<String> = real.iter().cloned().chain(more.iter().map(ToString::to_string)).collect();
+        load(None, &overrides).map_or_else(|e| e.0.into_iter().map(|p| p.key).collect(), |_| Vec::new())
+    };
+    let (hand, imu) = ("robot.operator.source=socket:/run/hand", "robot.imu.backend=/dev/imu");
+    assert_eq!(refused(&[]), ["robot.operator.source", "robot.imu.backend"]);
+    assert_eq!(refused(&[hand]), ["robot.imu.backend"]);
+    assert_eq!(refused(&[imu]), ["robot.operator.source"]);
+    assert!(refused(&[hand, imu]).is_empty());
+    let plant = load_choice(Choice { overrides: &real, plays_robot: true, ..Choice::default() });
+    assert!(plant.is_ok_and(|plant| plant.config.robot.has_made_up_senses()));
 }
 
 #[test]
@@ -182,7 +199,7 @@ fn with_model(text: &str, overrides: &[&str]) -> Result<Resolved, Errors> {
     let path = folder.path().join("model.toml");
     std::fs::write(&path, text).unwrap();
     let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
-    load_choice(Choice { model: Some(&path), overrides: &overrides, path: None })
+    load_choice(Choice { model: Some(&path), overrides: &overrides, ..Choice::default() })
 }
 
 #[test]

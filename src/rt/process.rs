@@ -39,6 +39,9 @@ pub enum ProcessError {
     /// The system gave no thread.
     #[error("cannot start a thread")]
     Thread(#[from] std::io::Error),
+    /// Real motors with a hand or an attitude that a program makes up.
+    #[error("the buses are real, and the hand or the IMU is simulated: refused, motors would run with nobody there")]
+    MadeUpSenses,
     /// A thread ended before it was ready.
     #[error("thread {0} failed while starting")]
     Lost(&'static str),
@@ -150,6 +153,10 @@ impl Running {
 /// # Errors
 /// [`ProcessError`]; then no thread is left.
 pub fn start<W: Walk + Send + 'static>(walk: W, parts: Parts) -> Result<Running, ProcessError> {
+    // The configuration refuses this already; here it is refused whatever way the parts came together.
+    if parts.config.robot.has_made_up_senses() || (!parts.simulated && matches!(parts.hand, Hand::Simulated(_))) {
+        return Err(ProcessError::MadeUpSenses);
+    }
     let timing = parts.config.real_time.clone();
     let (awake, missing) = hold_machine(&timing);
     let threads = if timing.input == Input::Threads { BUSES + 3 } else { 2 };

@@ -30,7 +30,7 @@ pub(super) struct Wiring {
 
 /// True if no bus is real: then nothing can be hurt.
 pub(super) fn is_simulated(config: &Config) -> bool {
-    config.robot.buses.iter().all(|bus| bus.backend == BusBackend::Mock)
+    config.robot.is_simulated()
 }
 
 /// Opens everything that the configuration names.
