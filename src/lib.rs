@@ -15,6 +15,7 @@
 //! | L2 | `config` | TOML as typed → checked, valid by construction | before arming |
 //! | L2 | `channel` | names and types of the iceoryx2 services; publish and subscribe without waiting | yes |
 //! | L3 | `sensor` | bytes to messages: IMU codec and serial line, operator | yes |
+//! | L3 | `zero` | where each drive's zero is: toes home, a person confirms the hip | yes |
 //! | L3 | `accumulate` | newest sample of each sensor → one snapshot with ages | yes |
 //! | L3 | [`estimate`] | high-gain observer, attitude, impact at stance change | yes |
 //! | L3 | [`control`] | state in, joint torque out; mode machine | yes |
@@ -58,3 +59,4 @@ pub mod safety;
 pub mod sensor;
 pub mod sim;
 pub mod telemetry;
+pub mod zero;

@@ -11,6 +11,7 @@ const LAYERS: &[(&str, u8)] = &[
     ("config", 2),
     ("channel", 2),
     ("sensor", 3),
+    ("zero", 3),
     ("accumulate", 3),
     ("estimate", 3),
     ("control", 3),

@@ -84,19 +84,20 @@ fn end(own: &Arc<Inbox>, peer: &Arc<Inbox>, echoes: bool, pulse: Option<&Arc<Pul
 }
 
 impl LoopbackTx {
-    /// Sends with a given stamp: the simulated wire knows when the frame was on it.
+    /// Sends as it is: the simulated wire knows when the frame was on it, and whose it is.
     ///
     /// # Errors
     /// [`SendError::Full`] when the other end does not read.
     pub fn send_stamped(&mut self, frame: BusFrame) -> Result<(), SendError> {
-        self.peer.put(frame)?;
-        self.echo.as_ref().map_or(Ok(()), |own| own.put(frame))
+        self.peer.put(frame)
     }
 }
 
 impl Transmit for LoopbackTx {
     fn send(&mut self, frame: &CanFrame) -> Result<(), SendError> {
-        self.send_stamped(BusFrame { stamp: link::monotonic_now(), frame: *frame })
+        let stamp = link::monotonic_now();
+        self.peer.put(BusFrame::theirs(stamp, *frame))?;
+        self.echo.as_ref().map_or(Ok(()), |own| own.put(BusFrame::ours(stamp, *frame)))
     }
 }
 

@@ -54,6 +54,20 @@ pub struct Robot {
     pub operator: Operator,
 }
 
+impl Robot {
+    /// True if no bus is real: then no motor can move.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        self.buses.iter().all(|bus| bus.backend == BusBackend::Mock)
+    }
+
+    /// True if motors are real, and the hand on the dead-man switch or the attitude is not.
+    #[must_use]
+    pub fn has_made_up_senses(&self) -> bool {
+        !self.is_simulated() && (self.operator == Operator::Simulated || self.imu.backend == SerialBackend::Mock)
+    }
+}
+
 /// Parameters of the compass gait (model notes, section 2). Leg 1 = inner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
@@ -120,6 +134,10 @@ pub struct Toe {
     pub extended_m: f64,
     /// Length commanded to a swing toe, m.
     pub retracted_m: f64,
+    /// Speed at which a toe looks for its retracted stop, m/s.
+    pub homing_rate_m_s: f64,
+    /// Torque that its drive may use then, 1/1000 of rated.
+    pub homing_torque_permille: u16,
 }
 
 /// Protocol mode of a drive.

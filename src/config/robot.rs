@@ -81,9 +81,14 @@ fn toe(r: &Reader<'_>) -> Toe {
         pot_noise_m: r.number("pot_noise_m", range(0.0, 0.01, "m")),
         extended_m: r.number("extended_m", length),
         retracted_m: r.number("retracted_m", length),
+        homing_rate_m_s: r.number("homing_rate_m_s", range(0.001, 1.0, "m/s")),
+        homing_torque_permille: r.integer("homing_torque_permille", 1, 2000, "1/1000 of rated"),
     };
     if toe.extended_m > toe.stroke_m {
         r.refuse("extended_m", &format!("must be within the stroke of {} m", toe.stroke_m));
+    }
+    if toe.homing_rate_m_s > toe.rate_limit_m_s {
+        r.refuse("homing_rate_m_s", &format!("must be at most rate_limit_m_s = {} m/s", toe.rate_limit_m_s));
     }
     if toe.retracted_m > toe.extended_m {
         r.refuse("retracted_m", &format!("must be at most extended_m = {} m", toe.extended_m));

@@ -36,7 +36,9 @@ message! {
         pub goal: DriveGoal,
         /// Torque, 1/1000 of the rated torque (torque drives).
         pub torque_permille: i16,
-        /// Target position, encoder counts (position drives).
+        /// Torque that it may use at most, 1/1000 of rated (position drives; a torque drive's limit is set up once).
+        pub torque_limit_permille: i16,
+        /// Target position, encoder counts from the joint's zero (position drives).
         pub position_counts: i32,
         /// Hold the position where the drive is instead of `position_counts`.
         pub hold: bool,

@@ -42,6 +42,10 @@ wire_enum! {
         Stopping = 15,
         /// A sensor reads beyond its possible range; index: which, value: reading.
         OutOfRange = 16,
+        /// It is not known where a drive's zero is, so the robot may not be armed; index: drive, value: `ZeroState`.
+        ZeroUnknown = 17,
+        /// A toe did not find its stop within its stroke; index: drive.
+        HomingFailed = 18,
         /// A limit at work: torque is saturated; value: Nm asked.
         TorqueLimited = 96,
         /// A limit at work: torque rate is limited; value: Nm/s asked.

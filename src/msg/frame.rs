@@ -149,8 +149,27 @@ message! {
         pub stamp: Stamp,
         /// The frame.
         pub frame: CanFrame,
+        /// We sent it. Received: the echo of a frame of ours, as the kernel or the simulated wire says.
+        pub own: bool,
     }
 }
+
+impl BusFrame {
+    /// A frame of ours.
+    #[must_use]
+    pub const fn ours(stamp: Stamp, frame: CanFrame) -> Self {
+        Self { stamp, frame, own: true }
+    }
+
+    /// A frame of somebody else.
+    #[must_use]
+    pub const fn theirs(stamp: Stamp, frame: CanFrame) -> Self {
+        Self { stamp, frame, own: false }
+    }
+}
+
+/// Bit of a packed frame that is ours.
+const OWN: u64 = 1 << 48;
 
 /// Words of a frame before its data: its stamp; identifier, length and flags.
 const HEAD_WORDS: usize = 2;
@@ -167,7 +186,7 @@ message! {
         pub used: u8,
         /// Frames lost for want of room, or counted as lost by the kernel, since arming of the process.
         pub dropped: u32,
-        /// The frames: stamp; identifier, length << 32, flags << 40; data, first byte lowest.
+        /// The frames: stamp; identifier, length << 32, flags << 40, ours << 48; data, first byte lowest.
         pub words: [[u64; CLASSIC_WORDS]; MAX_FRAMES],
     }
 }
@@ -194,6 +213,7 @@ impl FrameBatch {
         }
         let frame = &item.frame;
         let head = u64::from(frame.id) | u64::from(frame.len) << 32 | u64::from(frame.flags) << 40;
+        let head = if item.own { head | OWN } else { head };
         let data = frame.payload().chunks(8).map(|bytes| u64::from_le_bytes(padded(bytes)));
         let words = [item.stamp.0.cast_unsigned(), head].into_iter().chain(data);
         let places = self.words.as_flattened_mut().iter_mut().skip(usize::from(self.used));
@@ -242,7 +262,7 @@ impl Iterator for Frames<'_> {
             *place = byte;
         }
         self.words = rest.get(data.len()..)?;
-        Some(BusFrame { stamp: Stamp(stamp.cast_signed()), frame })
+        Some(BusFrame { stamp: Stamp(stamp.cast_signed()), frame, own: head & OWN != 0 })
     }
 }
 
@@ -252,7 +272,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn at(k: i64, frame: CanFrame) -> BusFrame {
-        BusFrame { stamp: Stamp(k), frame }
+        BusFrame { stamp: Stamp(k), frame, own: k % 2 == 0 }
     }
 
     #[test]

@@ -21,7 +21,9 @@ pub use estimate::{Estimate, Snapshot};
 pub use fault::{Fault, FaultCode};
 pub use frame::{BusFrame, CanFrame, FrameBatch, Frames, MAX_DATA, MAX_FRAMES};
 pub use reflect::{Element, FieldShape, Kind, Shape, Value};
-pub use sensor::{BusHealth, DriveFeedback, DriveFeedbacks, DriveState, ImuBatch, ImuSample, MAX_IMU, OperatorSample};
+pub use sensor::{
+    BusHealth, DriveFeedback, DriveFeedbacks, DriveState, ImuBatch, ImuSample, MAX_IMU, OperatorSample, ZeroState,
+};
 pub use status::{Mode, RecorderState, RecorderStatus, Status};
 pub use tick::{TickHead, TickInput, TickOutput, TickRecord};
 

@@ -21,6 +21,8 @@ wire_enum! {
         Stalled = 3,
         /// Down, or not yet opened.
         Down = 4,
+        /// Another master speaks on it.
+        Contested = 5,
     }
 }
 
@@ -65,6 +67,24 @@ message! {
         pub dead_man: bool,
         /// Counts the samples of this source.
         pub sequence: u32,
+        /// Counts the times that a person confirmed the hip's zero.
+        pub zeroings: u32,
+        /// Hip angle at the newest confirmation, inner minus outer, rad; 0 with the legs aligned.
+        pub zero_angle_rad: f64,
+    }
+}
+
+wire_enum! {
+    /// Whether it is known where a drive's count zero is. Lost at each boot-up of the drive.
+    pub enum ZeroState {
+        /// No: positions mean nothing.
+        Unknown = 0,
+        /// Being looked for.
+        Homing = 1,
+        /// Yes.
+        Known = 2,
+        /// Looked for and not found.
+        Failed = 3,
     }
 }
 
@@ -103,7 +123,7 @@ message! {
         pub state: DriveState,
         /// CiA 402 statusword as received.
         pub statusword: u16,
-        /// Position, encoder counts.
+        /// Position, encoder counts; from the joint's zero once that is known, from anywhere before.
         pub position_counts: i32,
         /// Torque, 1/1000 of the rated torque.
         pub torque_permille: i16,
@@ -111,6 +131,10 @@ message! {
         pub analog_counts: i16,
         /// Last error code (EMCY or 0x603F), 0 if none.
         pub error_code: u16,
+        /// Torque that the drive has confirmed it may use at most, 1/1000 of rated.
+        pub torque_limit_permille: i16,
+        /// Whether its zero is known.
+        pub zero: ZeroState,
     }
 }
 

@@ -18,6 +18,8 @@ wire_enum! {
         Armed = 3,
         /// A fault is latched: zero torque until a fresh edge with everything healthy.
         Faulted = 4,
+        /// While the switch is held, toes look for their zero at limited torque; the hip has none.
+        Homing = 5,
     }
 }
 

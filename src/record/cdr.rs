@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn leaves_are_aligned_to_their_size_from_the_end_of_the_header() {
-        let frame = BusFrame { stamp: Stamp(0x0102), frame: CanFrame::new(0x7FF, &[0xAA, 0xBB]) };
+        let frame = BusFrame::ours(Stamp(0x0102), CanFrame::new(0x7FF, &[0xAA, 0xBB]));
         let mut bytes = Vec::new();
         encode(&frame, &mut bytes);
         let stamp = [2, 1, 0, 0, 0, 0, 0, 0];

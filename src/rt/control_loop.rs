@@ -96,7 +96,7 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
         input.real_time_missing = self.real_time_missing;
         input.stop_requested = self.stop.is_requested();
         self.feed.collect(input);
-        input.operator = self.hand.poll(clock::now(), desk.record.status.mode);
+        input.operator = self.hand.poll(clock::now(), &desk.record.status);
         for (health, down) in input.bus_health.iter_mut().zip(desk.link_down) {
             *health = if down { (*health).max(BusHealth::Down) } else { *health };
         }

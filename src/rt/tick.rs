@@ -11,6 +11,7 @@ use crate::dispatch::Dispatch;
 use crate::estimate::{Estimator, EstimatorError};
 use crate::msg::{BUSES, FrameBatch, JointCommand, Mode, TickInput, TickOutput, TickRecord};
 use crate::safety::{Facts, Guard};
+use crate::zero::Zeros;
 
 /// Why there is no tick for a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -30,6 +31,7 @@ pub enum TickError {
 #[derive(Debug)]
 pub struct Tick {
     lines: [Line; BUSES],
+    zeros: Zeros,
     accumulator: Accumulator,
     estimator: Estimator,
     controller: Controller,
@@ -47,6 +49,7 @@ impl Tick {
         let line = |bus| Line::new(&config.robot, bus, &config.real_time);
         Ok(Self {
             lines: [line(0)?, line(1)?],
+            zeros: Zeros::new(config),
             accumulator: Accumulator::new(&config.robot),
             estimator: Estimator::new(config)?,
             controller: Controller::new(config)?,
@@ -63,14 +66,16 @@ impl Tick {
         for (line, ((frames, health), until)) in self.lines.iter_mut().zip(heard) {
             line.receive(input.now, until, frames, health, &mut tick.feedback);
         }
+        self.zeros.receive(input.now, &input.operator, self.guard.mode(), &mut tick.feedback);
         tick.snapshot = self.accumulator.snapshot(input.now, &tick.feedback, &input.imu, &input.operator);
         tick.snapshot.late = self.guard.late(input);
         self.estimate(tick);
         self.control(tick);
         self.guard(tick);
         tick.output = TickOutput::default();
+        let commands = self.zeros.to_encoders(&tick.drives);
         for (line, frames) in self.lines.iter_mut().zip(&mut tick.output.send) {
-            line.transmit(input.now, &tick.drives, frames);
+            line.transmit(input.now, &commands, frames);
         }
     }
 
@@ -101,6 +106,7 @@ impl Tick {
         tick.status = decision.status;
         tick.allowed = decision.allowed;
         tick.drives = self.dispatch.split(&decision.allowed, decision.goal, &tick.feedback);
+        self.zeros.command(decision.status.mode, &mut tick.drives);
         self.applied = decision.allowed;
     }
 

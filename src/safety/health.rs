@@ -5,24 +5,46 @@
 use super::silence::Ages;
 use super::{Facts, Rules};
 use crate::base::time::{Span, Stamp};
-use crate::msg::{BusHealth, DriveFeedback, DriveState, Element, Fault, FaultCode, Mode, Value};
+use crate::msg::{BusHealth, DriveFeedback, DriveState, Element, Fault, FaultCode, Mode, Value, ZeroState};
 use std::f64::consts::PI;
 
 /// Faults found in a tick: all as bits, the first with its values.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Findings {
     now: Stamp,
+    /// Bits of what is no fault in this mode.
+    tolerated: u64,
     first: Option<Fault>,
     bits: u64,
 }
 
+/// What does not matter while the toes look for their zero: the posture, which nobody knows before.
+const HOMING_TOLERATES: u64 = 1 << FaultCode::ZeroUnknown as u8
+    | 1 << FaultCode::TiltLimit as u8
+    | 1 << FaultCode::RateLimit as u8
+    | 1 << FaultCode::EstimateLost as u8
+    | 1 << FaultCode::OutOfRange as u8;
+
 impl Findings {
+    const fn none(now: Stamp, mode: Mode) -> Self {
+        let tolerated = if matches!(mode, Mode::Homing) { HOMING_TOLERATES } else { 0 };
+        Self { now, tolerated, first: None, bits: 0 }
+    }
+
     fn note(&mut self, wrong: bool, code: FaultCode, index: usize, value: f64) {
         if wrong {
-            let index = u8::try_from(index).unwrap_or(u8::MAX);
-            self.first.get_or_insert(Fault { code, index, stamp: self.now, value });
-            self.bits |= 1 << code as u8;
+            let bit = 1 << code as u8;
+            self.bits |= bit;
+            if self.tolerated & bit == 0 {
+                let index = u8::try_from(index).unwrap_or(u8::MAX);
+                self.first.get_or_insert(Fault { code, index, stamp: self.now, value });
+            }
         }
+    }
+
+    /// Nothing was found that stands in the way of homing.
+    pub(super) const fn leaves_homing(&self) -> bool {
+        self.bits & !HOMING_TOLERATES == 0
     }
 
     /// The first in the order of blame.
@@ -60,7 +82,7 @@ pub(super) struct Memory {
 /// Looks at everything.
 pub(super) fn examine(rules: &Rules, facts: &Facts<'_>, memory: &Memory) -> Findings {
     let (mode, skipped) = (memory.mode, memory.skipped);
-    let mut found = Findings { now: facts.input.now, first: None, bits: 0 };
+    let mut found = Findings::none(facts.input.now, mode);
     found.note(facts.input.stop_requested, FaultCode::Stopping, 0, 0.0);
     numbers(&mut found, facts);
     buses(&mut found, facts);
@@ -91,7 +113,7 @@ fn all_finite(message: &impl Element) -> bool {
 fn buses(found: &mut Findings, facts: &Facts<'_>) {
     for (index, (seen, told)) in facts.input.bus_health.iter().zip(&facts.feedback.health).enumerate() {
         let worst = *seen.max(told);
-        let dead = matches!(worst, BusHealth::Off | BusHealth::Stalled | BusHealth::Down);
+        let dead = !matches!(worst, BusHealth::Active | BusHealth::Passive);
         found.note(dead, FaultCode::BusUnhealthy, index, f64::from(worst as u8));
     }
 }
@@ -114,6 +136,9 @@ fn drives(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, memory: &Memor
         let silent = if drive.stamp == Stamp::NEVER { Span(i64::MAX) } else { silent };
         let silent = unless_too_old(rules, facts.input.now.since(drive.stamp), *limit, silent);
         found.note(!fresh(silent, *limit), FaultCode::DriveStale, index, silent.as_s() * 1e3);
+        let failed = drive.zero == ZeroState::Failed && memory.mode == Mode::Homing;
+        found.note(failed, FaultCode::HomingFailed, index, 0.0);
+        found.note(drive.zero != ZeroState::Known, FaultCode::ZeroUnknown, index, f64::from(drive.zero as u8));
     }
 }
 
@@ -128,6 +153,8 @@ fn in_place(drive: &DriveFeedback, mode: Mode, timed_out: bool) -> bool {
     let enabled = drive.state == DriveState::Enabled;
     match mode {
         Mode::Armed => enabled,
+        // Toes are being enabled, the hip stays without power.
+        Mode::Homing => enabled || waiting || drive.state == DriveState::SwitchOnDisabled,
         Mode::Arming => enabled || (!timed_out && (waiting || drive.state == DriveState::SwitchOnDisabled)),
         Mode::Starting | Mode::Disarmed | Mode::Faulted => waiting,
     }

@@ -6,6 +6,7 @@
 //! - a fault, a stale source, a number that is not finite or the released dead-man gives zero torque in the same tick;
 //! - a stall of our own, of this thread or of one that brings input, gives zero torque until all have spoken again, and
 //!   is no fault while it is shorter than the drives' watchdogs;
+//! - the toes look for their zero only while the switch is held, and the hip has no power then;
 //! - it arms only on a press that follows a release, both seen fresh, with nothing in the way;
 //! - the first fault is kept until the robot is armed again.
 
@@ -31,8 +32,8 @@ mod silence;
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::{Config, Limits};
 use crate::msg::{
-    DRIVES, DriveFeedbacks, DriveGoal, DriveState, Estimate, Fault, FaultCode, JointCommand, Mode, Snapshot, Status,
-    TickInput,
+    DRIVES, Drive, DriveFeedback, DriveFeedbacks, DriveGoal, DriveState, Estimate, Fault, FaultCode, JointCommand,
+    Mode, Snapshot, Status, TickInput, ZeroState,
 };
 use deadman::{DeadMan, Hand};
 use latch::Latch;
@@ -173,13 +174,18 @@ impl Guard {
     }
 
     fn change_mode(&mut self, now: Stamp, hand: Hand, findings: &health::Findings, feedback: &DriveFeedbacks) {
-        let fault = findings.first().or_else(|| released(now, hand));
+        // Whoever lets go while the toes look for their zero ends that, and no more.
+        let homing = self.mode == Mode::Homing;
+        let fault = findings.first().or_else(|| if homing { None } else { released(now, hand) });
         let events = Events {
             heard: self.heard,
             edge: hand.edge,
             healthy: findings.first().is_none(),
             fault: fault.is_some(),
             enabled: feedback.drives.iter().all(|drive| drive.state == DriveState::Enabled),
+            homable: findings.leaves_homing() && !toes(feedback).all(has_zero),
+            held: hand.held,
+            homed: toes(feedback).all(has_zero),
         };
         let next = mode::next(self.mode, events);
         if next != self.mode {
@@ -232,7 +238,7 @@ impl Guard {
             _ if input.stop_requested => DriveGoal::Disabled,
             Mode::Arming | Mode::Armed => DriveGoal::Enabled,
             Mode::Faulted if !self.may_get_ready => DriveGoal::Disabled,
-            Mode::Starting | Mode::Disarmed | Mode::Faulted => DriveGoal::Ready,
+            Mode::Starting | Mode::Disarmed | Mode::Faulted | Mode::Homing => DriveGoal::Ready,
         }
     }
 
@@ -249,6 +255,14 @@ impl Guard {
             step_time: input.step_time,
         }
     }
+}
+
+fn toes(feedback: &DriveFeedbacks) -> impl Iterator<Item = &DriveFeedback> {
+    feedback.drives.iter().skip(Drive::InnerToeA as usize)
+}
+
+fn has_zero(drive: &DriveFeedback) -> bool {
+    drive.zero == ZeroState::Known
 }
 
 /// The fault of an open hand, told only if nothing else is wrong.

@@ -7,6 +7,9 @@
 //!                                             ▲  │ fault        │ fault
 //!                            edge and healthy │  ▼              │
 //!                                            Faulted ◄──────────┘
+//!
+//!  Disarmed, Faulted ── edge, all healthy but for a toe's zero ──► Homing ── released, or all toes home ──► Disarmed
+//!                                                                     └── fault ──► Faulted
 //! ```
 //! Torque passes in `Armed` only. A fault in `Starting` or `Disarmed` is no transition: it stands in the way of arming
 //! until it is gone. Nothing leads back from `Faulted` but a fresh edge.
@@ -26,6 +29,12 @@ pub(super) struct Events {
     pub(super) fault: bool,
     /// Every drive follows commands.
     pub(super) enabled: bool,
+    /// Nothing stands in the way of homing, and a toe needs it.
+    pub(super) homable: bool,
+    /// The dead-man is held.
+    pub(super) held: bool,
+    /// Every toe has its zero.
+    pub(super) homed: bool,
 }
 
 /// The mode after these events.
@@ -34,6 +43,9 @@ pub(super) const fn next(mode: Mode, events: Events) -> Mode {
     match mode {
         Mode::Starting if events.heard => Mode::Disarmed,
         Mode::Disarmed | Mode::Faulted if arm => Mode::Arming,
+        Mode::Disarmed | Mode::Faulted if events.edge && events.homable => Mode::Homing,
+        Mode::Homing if events.fault => Mode::Faulted,
+        Mode::Homing if !events.held || events.homed => Mode::Disarmed,
         Mode::Arming | Mode::Armed if events.fault => Mode::Faulted,
         Mode::Arming if events.enabled => Mode::Armed,
         _ => mode,

@@ -38,6 +38,7 @@ impl Bench {
         };
         for drive in &mut bench.feedback.drives {
             drive.state = DriveState::Ready;
+            drive.zero = ZeroState::Known;
         }
         bench
     }
@@ -115,6 +116,48 @@ fn it_boots_disarmed_and_arms_on_a_fresh_edge() {
     assert_eq!(bench.run(20, false).status.mode, Mode::Disarmed);
     assert_eq!(bench.tick(true).status.mode, Mode::Arming);
     assert_eq!(bench.tick(true).status.mode, Mode::Armed);
+}
+
+#[test]
+fn without_the_zero_of_any_drive_no_press_arms() {
+    for index in 0..DRIVES {
+        let mut bench = Bench::new();
+        bench.feedback.drives[index].zero = ZeroState::Unknown;
+        bench.run(10, false);
+        let decision = bench.run(500, true);
+        assert_ne!(decision.status.arm_blockers & (1 << FaultCode::ZeroUnknown as u8), 0);
+        let expected = if index == Drive::Hip as usize { Mode::Disarmed } else { Mode::Homing };
+        assert_eq!((decision.status.mode, decision.goal), (expected, DriveGoal::Ready));
+        assert_eq!(decision.allowed.hip_torque_nm, 0.0);
+    }
+}
+
+#[test]
+fn homing_ends_with_the_hand_and_with_the_last_zero_and_only_a_new_press_arms() {
+    let lost = |bench: &mut Bench| {
+        bench.feedback.drives[2].zero = ZeroState::Unknown;
+        bench.run(10, false);
+        assert_eq!(bench.run(20, true).status.mode, Mode::Homing);
+    };
+    let mut bench = Bench::new();
+    lost(&mut bench);
+    let decision = bench.tick(false);
+    assert_eq!((decision.status.mode, decision.status.faults), (Mode::Disarmed, 0), "letting go is no fault here");
+    let mut bench = Bench::new();
+    lost(&mut bench);
+    bench.feedback.drives[2].zero = ZeroState::Known;
+    assert_eq!(bench.run(100, true).status.mode, Mode::Disarmed, "the key is still held");
+    bench.tick(false);
+    assert_eq!(bench.tick(true).status.mode, Mode::Arming);
+    let mut bench = Bench::new();
+    lost(&mut bench);
+    bench.feedback.drives[2].zero = ZeroState::Failed;
+    let decision = bench.tick(true);
+    assert_eq!((decision.status.mode, decision.status.first_fault.code), (Mode::Faulted, FaultCode::HomingFailed));
+    let mut bench = Bench::new();
+    lost(&mut bench);
+    bench.snapshot.operator_age = Span::from_ms(101);
+    assert_eq!(bench.tick(true).status.first_fault.code, FaultCode::OperatorStale);
 }
 
 #[test]
@@ -197,7 +240,7 @@ fn drives_and_buses_that_fail_trip() {
     trips(FaultCode::DriveFault, |b| b.feedback.drives[3].error_code = 0x8130);
     trips(FaultCode::DriveNotEnabled, |b| b.feedback.drives[hip].state = DriveState::SwitchedOn);
     trips(FaultCode::DriveNotEnabled, |b| b.feedback.drives[4] = DriveFeedback::default());
-    for health in [BusHealth::Off, BusHealth::Stalled, BusHealth::Down] {
+    for health in [BusHealth::Off, BusHealth::Stalled, BusHealth::Down, BusHealth::Contested] {
         trips(FaultCode::BusUnhealthy, |b| b.input.bus_health[1] = health);
         trips(FaultCode::BusUnhealthy, |b| b.feedback.health[0] = health);
     }
@@ -400,15 +443,15 @@ proptest! {
     }
 
     #[test]
-    fn the_mode_leaves_faulted_only_by_an_edge(events in any::<[bool; 5]>()) {
-        let [heard, edge, healthy, fault, enabled] = events;
-        let next = mode::next(Mode::Faulted, Events { heard, edge, healthy, fault, enabled });
-        prop_assert_eq!(next == Mode::Faulted, !(edge && healthy));
+    fn the_mode_leaves_faulted_only_by_an_edge(events in any::<[bool; 8]>()) {
+        let [heard, edge, healthy, fault, enabled, homable, held, homed] = events;
+        let next = mode::next(Mode::Faulted, Events { heard, edge, healthy, fault, enabled, homable, held, homed });
+        prop_assert_eq!(next == Mode::Faulted, !(edge && (healthy || homable)));
     }
 }
 
 #[test]
 fn operator_sample_without_a_heartbeat_is_never_fresh() {
-    let never = OperatorSample { stamp: Stamp::NEVER, dead_man: true, sequence: 0 };
+    let never = OperatorSample { stamp: Stamp::NEVER, dead_man: true, ..OperatorSample::default() };
     assert!(!health::fresh(Stamp(0).since(never.stamp), Span::from_ms(100)));
 }

@@ -5,7 +5,7 @@
 
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::{Config, Operator};
-use crate::msg::{Mode, OperatorSample};
+use crate::msg::{FaultCode, Mode, OperatorSample, Status};
 use std::fs;
 use std::io;
 use std::os::unix::net::UnixDatagram;
@@ -17,6 +17,10 @@ const MAX_DATAGRAMS: usize = 8;
 const TRY_AGAIN: Span = Span::from_ms(1_000);
 /// So long the switch is open then.
 const LET_GO: Span = Span::from_ms(200);
+/// It confirms the hip's zero again after this, if it was not taken.
+const CONFIRM_AGAIN: Span = Span::from_ms(50);
+/// So long it holds without seeing the toes home, or anything of an arming robot.
+const WAIT_FOR_HOMING: Span = Span::from_ms(50);
 
 /// A dead-man switch.
 #[derive(Debug)]
@@ -34,55 +38,109 @@ impl Hand {
     /// When the socket cannot be made.
     pub fn open(config: &Config) -> io::Result<Self> {
         Ok(match &config.robot.operator {
-            Operator::Simulated => Self::Simulated(SimulatedHand::new(
-                config.simulation.operator_press_s,
-                config.simulation.operator_release_s,
-            )),
+            Operator::Simulated => Self::Simulated(SimulatedHand::new(config)),
             Operator::Socket(path) => Self::Socket(SocketHand::bind(Path::new(path))?),
         })
     }
 
-    /// How the hand is at `now`; `mode` is what the operator sees of the robot.
-    pub fn poll(&mut self, now: Stamp, mode: Mode) -> OperatorSample {
+    /// How the hand is at `now`; `seen` is what the operator sees of the robot.
+    pub fn poll(&mut self, now: Stamp, seen: &Status) -> OperatorSample {
         match self {
-            Self::Simulated(hand) => hand.poll(now, mode),
+            Self::Simulated(hand) => hand.poll(now, seen),
             Self::Socket(hand) => hand.poll(now),
         }
     }
 }
 
-/// Presses after a moment, holds until the release if there is one. As a person would, it tries again when the robot
-/// did not arm; after a fault it lets the robot lie.
+/// A person who does what the robot needs: confirms the hip's zero (the legs stand as `sim.initial_angle_rad` says), holds
+/// the switch while the toes look for theirs, then presses at the planned time, as soon as nothing stands in the way, and
+/// holds until the release if there is one. Tries again when the robot did not arm; after a fault it lets the robot lie.
 #[derive(Clone, Copy, Debug)]
 pub struct SimulatedHand {
     press: Span,
     release: Option<Span>,
+    zero_angle_rad: f64,
     start: Option<Stamp>,
     next_press: Stamp,
+    pressed: bool,
+    /// Since when it holds for the toes.
+    homing: Option<Stamp>,
+    homed: bool,
+    next_homing: Stamp,
+    next_confirmation: Stamp,
+    zeroings: u32,
     sequence: u32,
 }
 
 impl SimulatedHand {
-    /// Times in seconds after the first poll.
+    /// Times count from the first poll.
     #[must_use]
-    pub fn new(press_s: f64, release_s: Option<f64>) -> Self {
-        let release = release_s.map(Span::from_s);
-        Self { press: Span::from_s(press_s), release, start: None, next_press: Stamp::NEVER, sequence: 0 }
+    pub fn new(config: &Config) -> Self {
+        let sim = &config.simulation;
+        let [inner, outer] = sim.initial_angle_rad;
+        Self {
+            press: Span::from_s(sim.operator_press_s),
+            release: sim.operator_release_s.map(Span::from_s),
+            zero_angle_rad: inner - outer,
+            start: None,
+            next_press: Stamp::NEVER,
+            pressed: false,
+            homing: None,
+            homed: false,
+            next_homing: Stamp::NEVER,
+            next_confirmation: Stamp::NEVER,
+            zeroings: 0,
+            sequence: 0,
+        }
     }
 
     /// How it is at `now`.
-    pub fn poll(&mut self, now: Stamp, mode: Mode) -> OperatorSample {
+    pub fn poll(&mut self, now: Stamp, seen: &Status) -> OperatorSample {
         let start = *self.start.get_or_insert(now);
         if self.next_press == Stamp::NEVER {
             self.next_press = start + self.press;
         }
-        let waiting = matches!(mode, Mode::Starting | Mode::Disarmed);
-        if waiting && now.since(self.next_press) >= TRY_AGAIN {
-            self.next_press = now + LET_GO;
-        }
-        let gone = self.release.is_some_and(|release| now.since(start) >= release);
+        let holds_for_toes = self.look_after_zeros(now, seen);
         self.sequence = self.sequence.wrapping_add(1);
-        OperatorSample { stamp: now, dead_man: now >= self.next_press && !gone, sequence: self.sequence }
+        let gone = self.release.is_some_and(|release| now.since(start) >= release);
+        OperatorSample {
+            stamp: now,
+            dead_man: holds_for_toes || (self.presses(now, seen) && !gone),
+            sequence: self.sequence,
+            zeroings: self.zeroings,
+            zero_angle_rad: self.zero_angle_rad,
+        }
+    }
+
+    /// Confirms the hip's zero while one is missing; true while it holds the switch for the toes.
+    fn look_after_zeros(&mut self, now: Stamp, seen: &Status) -> bool {
+        let missing = seen.mode == Mode::Disarmed && seen.arm_blockers & (1 << FaultCode::ZeroUnknown as u8) != 0;
+        if missing && now >= self.next_confirmation {
+            self.zeroings = self.zeroings.wrapping_add(1);
+            self.next_confirmation = now + CONFIRM_AGAIN;
+        }
+        if let Some(since) = self.homing {
+            self.homed |= seen.mode == Mode::Homing;
+            let over = if self.homed { seen.mode != Mode::Homing } else { now.since(since) >= WAIT_FOR_HOMING };
+            if over {
+                (self.homing, self.next_homing) = (None, now + LET_GO);
+            }
+        } else if missing && !self.pressed && now >= self.next_homing {
+            (self.homing, self.homed) = (Some(now), false);
+        }
+        self.homing.is_some()
+    }
+
+    /// True while it holds the switch to arm.
+    fn presses(&mut self, now: Stamp, seen: &Status) -> bool {
+        let waiting = matches!(seen.mode, Mode::Starting | Mode::Disarmed);
+        if self.pressed && waiting && now.since(self.next_press) >= TRY_AGAIN {
+            (self.next_press, self.pressed) = (now + LET_GO, false);
+        }
+        if !self.pressed && self.homing.is_none() && now >= self.next_press && seen.arm_blockers == 0 {
+            (self.next_press, self.pressed) = (now, true);
+        }
+        self.pressed
     }
 }
 
@@ -105,7 +163,7 @@ impl SocketHand {
         }
         let socket = UnixDatagram::bind(path)?;
         socket.set_nonblocking(true)?;
-        Ok(Self { socket, newest: OperatorSample { stamp: Stamp::NEVER, dead_man: false, sequence: 0 } })
+        Ok(Self { socket, newest: OperatorSample { stamp: Stamp::NEVER, ..OperatorSample::default() } })
     }
 
     fn poll(&mut self, now: Stamp) -> OperatorSample {
@@ -121,37 +179,59 @@ impl SocketHand {
     }
 
     fn hear(&mut self, now: Stamp, dead_man: bool) {
-        self.newest = OperatorSample { stamp: now, dead_man, sequence: self.newest.sequence.wrapping_add(1) };
+        let sequence = self.newest.sequence.wrapping_add(1);
+        self.newest = OperatorSample { stamp: now, dead_man, sequence, ..self.newest };
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config;
 
     fn at(ms: i64) -> Stamp {
         Stamp(5_000_000_000) + Span::from_ms(ms)
     }
 
+    fn hand(keys: &[&str]) -> SimulatedHand {
+        let keys: Vec<String> = keys.iter().map(ToString::to_string).collect();
+        SimulatedHand::new(&config::load(None, &keys).unwrap().config)
+    }
+
+    fn seen(mode: Mode) -> Status {
+        Status { mode, ..Status::default() }
+    }
+
     #[test]
     fn the_simulated_hand_presses_holds_and_releases() {
-        let mut hand = SimulatedHand::new(0.5, Some(2.0));
-        let held: Vec<i64> = (0..3_000).filter(|ms| hand.poll(at(*ms), Mode::Armed).dead_man).collect();
+        let mut hand = hand(&["sim.operator_release_s=2.0"]);
+        let held: Vec<i64> = (0..3_000).filter(|ms| hand.poll(at(*ms), &seen(Mode::Armed)).dead_man).collect();
         assert_eq!((held.first(), held.last()), (Some(&500), Some(&1_999)));
     }
 
     #[test]
     fn the_simulated_hand_tries_again_when_the_robot_does_not_arm() {
-        let mut hand = SimulatedHand::new(0.5, None);
-        let held: Vec<bool> = (0..3_000).map(|ms| hand.poll(at(ms), Mode::Disarmed).dead_man).collect();
+        let mut hand = hand(&[]);
+        let held: Vec<bool> = (0..3_000).map(|ms| hand.poll(at(ms), &seen(Mode::Disarmed)).dead_man).collect();
         let presses = held.windows(2).filter(|pair| pair[1] && !pair[0]).count();
         assert_eq!(presses, 3, "at 500, 1700 and 2900 ms");
     }
 
     #[test]
     fn after_a_fault_the_simulated_hand_does_not_press_again() {
-        let mut hand = SimulatedHand::new(0.0, None);
-        assert!((0..3_000).all(|ms| hand.poll(at(ms), Mode::Faulted).dead_man));
+        let mut hand = hand(&["sim.operator_press_s=0.0"]);
+        assert!((0..3_000).all(|ms| hand.poll(at(ms), &seen(Mode::Faulted)).dead_man));
+    }
+
+    #[test]
+    fn the_simulated_hand_holds_while_the_toes_look_for_their_zero_and_confirms_the_hips() {
+        let mut hand = hand(&[]);
+        let missing = Status { arm_blockers: 1 << FaultCode::ZeroUnknown as u8, ..seen(Mode::Disarmed) };
+        let first = hand.poll(at(0), &missing);
+        assert!(first.dead_man && first.zeroings == 1 && (first.zero_angle_rad - 0.0349).abs() < 1e-12);
+        assert!((1..300).all(|ms| hand.poll(at(ms), &seen(Mode::Homing)).dead_man));
+        assert!((300..500).all(|ms| !hand.poll(at(ms), &seen(Mode::Disarmed)).dead_man), "lets go when they are home");
+        assert!(hand.poll(at(500), &seen(Mode::Disarmed)).dead_man, "and presses anew to arm");
     }
 
     #[test]
@@ -166,7 +246,7 @@ mod tests {
             sender.send_to(bytes, &path).unwrap();
         }
         let first = hand.poll(at(1));
-        assert_eq!(first, OperatorSample { stamp: at(1), dead_man: true, sequence: 2 });
+        assert_eq!(first, OperatorSample { stamp: at(1), dead_man: true, sequence: 2, ..OperatorSample::default() });
         assert_eq!(hand.poll(at(90)), first, "silence changes nothing but the age");
     }
 }

@@ -42,12 +42,11 @@ impl Lockstep {
     /// # Errors
     /// [`LockstepError`] when a room cannot be furnished, or the world not built, as configured.
     pub fn new(config: &Config) -> Result<Self, LockstepError> {
-        let sim = &config.simulation;
         Ok(Self {
             tick: Tick::new(config)?,
             plant: Plant::with_world(config, world::build(config)?),
             imu: ImuReader::new(&config.robot.imu),
-            hand: SimulatedHand::new(sim.operator_press_s, sim.operator_release_s),
+            hand: SimulatedHand::new(config),
             input: TickInput { bus_health: [BusHealth::Active; BUSES], ..TickInput::default() },
             record: Box::default(),
             bytes: Vec::new(),
@@ -81,7 +80,7 @@ impl Lockstep {
     }
 
     fn act(&mut self) -> &TickRecord {
-        self.input.operator = self.hand.poll(self.input.now, self.record.status.mode);
+        self.input.operator = self.hand.poll(self.input.now, &self.record.status);
         self.tick.step(&self.input, &mut self.record);
         for (bus, frames) in self.record.output.send.iter().enumerate() {
             for frame in frames {

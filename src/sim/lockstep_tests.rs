@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config::load;
-use crate::msg::Mode;
+use crate::msg::{Drive, FaultCode, Mode, ZeroState};
 use crate::sim::scenario::{self, Summary};
 
 const INNER: [&str; 0] = [];
@@ -307,4 +307,33 @@ fn the_hand_lets_go_of_a_controller_that_never_pushes() {
         // A second of power, and some ms until it falls by a microradian.
         assert!((980..1050).contains(&waited), "{controller}: {waited} ms");
     }
+}
+
+/// The encoders are incremental: without their zeros nothing is armed, and a press alone does not give any.
+#[test]
+fn without_zeros_a_press_does_not_arm_and_after_a_reboot_the_zero_is_lost() {
+    let mut lockstep = Lockstep::new(&config(&[])).unwrap();
+    let mut modes = Vec::new();
+    let mut armed_at = None;
+    for tick in 0..3000_u64 {
+        let record = *lockstep.step();
+        if modes.last() != Some(&record.status.mode) {
+            modes.push(record.status.mode);
+            println!("{tick} {:?} {:#x}", record.status.mode, record.status.arm_blockers);
+        }
+        if record.status.mode == Mode::Armed {
+            armed_at.get_or_insert(tick);
+            assert!(record.feedback.drives.iter().all(|d| d.zero == ZeroState::Known));
+        }
+    }
+    println!("armed at {armed_at:?} ms");
+    assert_eq!(modes, [Mode::Starting, Mode::Disarmed, Mode::Homing, Mode::Disarmed, Mode::Arming, Mode::Armed]);
+    lockstep.plant().reboot_drive(Drive::InnerToeA);
+    let mut lost = false;
+    for _ in 0..200 {
+        let record = lockstep.step();
+        lost |= record.feedback.drives[1].zero == ZeroState::Unknown;
+        assert!(!lost || record.status.mode != Mode::Armed);
+    }
+    assert!(lost && lockstep.step().status.arm_blockers & (1 << FaultCode::ZeroUnknown as u8) != 0);
 }

@@ -109,7 +109,7 @@ impl Plant {
             .map(|(index, drive)| SimDrive::new(drive, electrics(drive, index, &units, &config.simulation)));
         let timed = config.simulation.bus_timing;
         let reading = world.reading();
-        Self {
+        let mut plant = Self {
             now: Stamp::default(),
             world,
             world_time: Stamp::default(),
@@ -127,7 +127,9 @@ impl Plant {
             to_host: vec![VecDeque::new(); BUSES],
             answers: Vec::new(),
             dropped: [0; BUSES],
-        }
+        };
+        plant.boot_drives(Stamp::default());
+        plant
     }
 
     /// Starts at another time than zero: a clock that has been running.
@@ -135,8 +137,15 @@ impl Plant {
         self.now = now;
         self.world_time = now;
         self.next_drive_tick = now;
-        for drive in &mut self.drives {
-            drive.reboot(now);
+        self.boot_drives(now);
+    }
+
+    /// All drives get their power: each counts from where its shaft stands.
+    fn boot_drives(&mut self, now: Stamp) {
+        for index in 0..DRIVES {
+            let counts = self.shaft_counts(index);
+            self.drives[index].set_position(counts);
+            self.drives[index].reboot(now);
         }
     }
 
@@ -277,7 +286,8 @@ impl Plant {
             return;
         }
         if self.to_host[bus].len() < HOST_QUEUE {
-            self.to_host[bus].push_back(BusFrame { stamp: delivered.at, frame: delivered.frame });
+            let own = delivered.sender == HOST;
+            self.to_host[bus].push_back(BusFrame { stamp: delivered.at, own, frame: delivered.frame });
         } else {
             self.dropped[bus] += 1;
         }
@@ -309,17 +319,24 @@ impl Plant {
         }
     }
 
+    /// Where the shaft of a drive stands, counts from the world's origin.
+    fn shaft_counts(&self, index: usize) -> i32 {
+        match index.checked_sub(1) {
+            None => self.units.hip_counts(self.reading.hip_encoder_rad),
+            Some(toe) => self.units.toe_counts(self.reading.toe_position_m[toe]),
+        }
+    }
+
     /// Encoders and potentiometers of the drives on a bus read what the world shows.
     fn show_positions(&mut self, bus: usize) {
-        let seen = &self.reading;
-        for (index, drive) in self.drives.iter_mut().enumerate().filter(|(k, _)| self.bus_of[*k] == bus) {
-            let Some(toe) = index.checked_sub(1) else {
-                drive.set_position(self.units.hip_counts(seen.hip_encoder_rad));
-                continue;
-            };
-            drive.set_position(self.units.toe_counts(seen.toe_position_m[toe]));
-            let noise_m = self.units.toe.pot_noise_m * self.pot_noise.normal();
-            drive.set_analog(self.units.pot_counts(seen.toe_spring_m[toe] + noise_m));
+        for index in (0..DRIVES).filter(|k| self.bus_of[*k] == bus) {
+            let counts = self.shaft_counts(index);
+            self.drives[index].set_position(counts);
+            if let Some(toe) = index.checked_sub(1) {
+                let noise_m = self.units.toe.pot_noise_m * self.pot_noise.normal();
+                let pot_counts = self.units.pot_counts(self.reading.toe_spring_m[toe] + noise_m);
+                self.drives[index].set_analog(pot_counts);
+            }
         }
     }
 

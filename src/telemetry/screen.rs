@@ -54,7 +54,7 @@ fn draw_head(frame: &mut Frame<'_>, area: Rect, state: &State) {
     let mode = state.tick.status.mode;
     let color = match mode {
         Mode::Starting | Mode::Disarmed => Color::Gray,
-        Mode::Arming => WARN,
+        Mode::Arming | Mode::Homing => WARN,
         Mode::Armed => GOOD,
         Mode::Faulted => BAD,
     };
@@ -201,7 +201,7 @@ fn bus_line(state: &State, bus: usize, health: BusHealth) -> Line<'static> {
     let color = match health {
         BusHealth::Active => GOOD,
         BusHealth::Passive => WARN,
-        BusHealth::Off | BusHealth::Stalled | BusHealth::Down => BAD,
+        BusHealth::Off | BusHealth::Stalled | BusHealth::Down | BusHealth::Contested => BAD,
     };
     let rates = &state.frames[bus];
     let dropped = state.tick.input.received[bus].dropped + state.tick.output.send[bus].dropped;

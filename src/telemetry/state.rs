@@ -173,5 +173,6 @@ pub(super) const fn mode_name(mode: Mode) -> &'static str {
         Mode::Arming => "arming",
         Mode::Armed => "ARMED",
         Mode::Faulted => "FAULT",
+        Mode::Homing => "homing",
     }
 }

@@ -7,12 +7,12 @@
 //!  A boot-up message in any state but Reset leads to Configure: the drive has lost its mapping.
 //! ```
 
-use super::setup::{self, SetupFault, Step};
+use super::setup::{self, SetupFault, Step, TORQUE_LIMIT};
 use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::{Emergency, Message, NmtCommand, NmtState, Node, PdoData};
 use crate::bus::cia402::{self, State};
 use crate::bus::pdo::{self, Answer};
-use crate::bus::sdo::{SdoReply, SdoRequest};
+use crate::bus::sdo::{SdoReply, SdoRequest, SdoValue};
 use crate::config::checked::{DriveConfig, DriveMode, RealTime};
 use crate::msg::{CanFrame, DriveCommand, DriveFeedback, DriveGoal, DriveState};
 
@@ -60,6 +60,15 @@ pub(in crate::bus) struct Slot {
     pub(in crate::bus) start: u32,
 }
 
+/// The torque limit of a position drive, changed in operation: none after set-up, then as commanded.
+#[derive(Clone, Copy, Debug, Default)]
+struct TorqueLimit {
+    wanted: i16,
+    confirmed: i16,
+    asked: Option<(Stamp, i16)>,
+    tries: u8,
+}
+
 /// One drive.
 #[derive(Debug)]
 pub(super) struct DriveLine {
@@ -85,6 +94,7 @@ pub(super) struct DriveLine {
     enabled_commands: u8,
     reset_commands: u8,
     hold_counts: Option<i32>,
+    limit: TorqueLimit,
 }
 
 impl DriveLine {
@@ -108,6 +118,7 @@ impl DriveLine {
             enabled_commands: 0,
             reset_commands: 0,
             hold_counts: None,
+            limit: TorqueLimit::default(),
         }
     }
 
@@ -138,6 +149,9 @@ impl DriveLine {
 
     /// An answer of its object server.
     pub(super) fn on_sdo(&mut self, reply: &SdoReply, stamp: Stamp) {
+        if self.phase == Phase::Operating && reply.address() == TORQUE_LIMIT {
+            return self.on_limit(reply, stamp);
+        }
         let Phase::Configure { step, asked: Some(_), .. } = self.phase else { return };
         let Some(current) = self.steps.get(step) else { return };
         if current.address() != reply.address() {
@@ -147,6 +161,16 @@ impl DriveLine {
             Ok(()) if step + 1 == self.steps.len() => self.phase = Phase::Start,
             Ok(()) => self.phase = Phase::Configure { step: step + 1, asked: None, tries: 0 },
             Err(fault) => self.fail(stamp, fault),
+        }
+    }
+
+    fn on_limit(&mut self, reply: &SdoReply, stamp: Stamp) {
+        let Some((_, value)) = self.limit.asked.take() else { return };
+        if matches!(reply, SdoReply::Written(_)) {
+            self.limit.confirmed = value;
+            self.limit.tries = 0;
+        } else {
+            self.fail(stamp, SetupFault::Refused);
         }
     }
 
@@ -173,6 +197,10 @@ impl DriveLine {
         self.feedback.state = self.state.as_message();
         self.feedback.statusword = answer.statusword;
         self.feedback.position_counts = answer.position_counts;
+        self.feedback.torque_limit_permille = match self.mode {
+            DriveMode::CyclicTorque => self.max_torque_permille,
+            DriveMode::CyclicPosition => self.limit.confirmed,
+        };
         match self.mode {
             DriveMode::CyclicTorque => self.feedback.torque_permille = answer.third,
             DriveMode::CyclicPosition => self.feedback.analog_counts = answer.third,
@@ -208,8 +236,19 @@ impl DriveLine {
             Phase::Operating if now.since(self.heard) > self.silence_limit => {
                 self.fail(now, SetupFault::HeartbeatLost);
             }
+            Phase::Operating => self.supervise_limit(now),
             Phase::Failed { until } if now > until => self.phase = Phase::Reset,
             _ => {}
+        }
+    }
+
+    fn supervise_limit(&mut self, now: Stamp) {
+        if self.limit.asked.is_some_and(|(at, _)| now.since(at) > SDO_TIMEOUT) {
+            self.limit.asked = None;
+            self.limit.tries = self.limit.tries.saturating_add(1);
+            if self.limit.tries >= SDO_TRIES {
+                self.fail(now, SetupFault::NoAnswer);
+            }
         }
     }
 
@@ -236,15 +275,28 @@ impl DriveLine {
                 self.command_in_flight = None;
                 Some(Message::Nmt(NmtCommand::Start, Some(self.node)).emit())
             }
+            Phase::Operating => self.limit_frame(now),
             _ => None,
         }
     }
 
-    /// The goal of this cycle, whether or not a command goes out in it.
-    pub(super) fn note_goal(&mut self, goal: DriveGoal) {
-        if goal != DriveGoal::Enabled {
+    /// Writes the torque limit that is wanted, unless the drive has it.
+    fn limit_frame(&mut self, now: Stamp) -> Option<CanFrame> {
+        let TorqueLimit { wanted, confirmed, asked, .. } = self.limit;
+        if self.mode != DriveMode::CyclicPosition || asked.is_some() || wanted == confirmed {
+            return None;
+        }
+        self.limit.asked = Some((now, wanted));
+        let request = SdoRequest::Write(TORQUE_LIMIT, SdoValue::u16(wanted.unsigned_abs()));
+        Some(Message::SdoRequest(self.node, request).emit())
+    }
+
+    /// What this cycle wants, whether or not a command goes out in it.
+    pub(super) fn note_command(&mut self, command: &DriveCommand) {
+        if command.goal != DriveGoal::Enabled {
             self.held_back = false;
         }
+        self.limit.wanted = command.torque_limit_permille.clamp(0, self.max_torque_permille.max(0));
     }
 
     /// True if a command should go out in this phase of the round: its turn, or the goal drops.
@@ -320,6 +372,7 @@ impl DriveLine {
         self.phase = CONFIGURE;
         self.state = State::NotReady;
         self.command_in_flight = None;
+        self.limit = TorqueLimit { wanted: self.limit.wanted, ..TorqueLimit::default() };
         self.feedback.state = DriveState::Configuring;
         self.feedback.error_code = 0;
     }

@@ -7,7 +7,7 @@
 use super::drive::DriveLine;
 use crate::base::time::Stamp;
 use crate::bus::canopen::Message;
-use crate::msg::{BusFrame, CanFrame, DriveCommand, DriveFeedback, DriveGoal, FrameBatch};
+use crate::msg::{BusFrame, CanFrame, DriveCommand, DriveFeedback, FrameBatch};
 
 /// A drive as its master sees it.
 #[derive(Debug)]
@@ -67,10 +67,10 @@ impl Member {
         }
     }
 
-    /// The goal of this cycle, whether or not a command goes out in it.
-    pub(super) fn note_goal(&mut self, goal: DriveGoal) {
+    /// What this cycle wants, whether or not a command goes out in it.
+    pub(super) fn note_command(&mut self, command: &DriveCommand) {
         match self {
-            Self::Canopen(drive) => drive.note_goal(goal),
+            Self::Canopen(drive) => drive.note_command(command),
         }
     }
 
@@ -96,7 +96,7 @@ impl Member {
         match self {
             Self::Canopen(drive) => {
                 let frame = Message::Rpdo(1, drive.node, drive.stop_command()).emit();
-                out.push(BusFrame { stamp: Stamp::default(), frame });
+                out.push(BusFrame::ours(Stamp::default(), frame));
             }
         }
     }

@@ -31,6 +31,8 @@ pub use setup::SetupFault;
 pub const SYNC_FRAME: CanFrame = CanFrame::empty(0x080);
 /// A probe that is not echoed is repeated after this.
 const PROBE_EVERY: Span = Span::from_ms(100);
+/// After a frame of another master the bus counts as contested for so long.
+const CONTESTED_FOR: Span = Span::from_ms(1000);
 /// Shortest time from sending a command and SYNC to the answer: 79 + 47 + 95 bits without stuffing at 1 Mbit/s.
 const FASTEST_ANSWER: Span = Span::from_us(221);
 
@@ -78,6 +80,8 @@ pub struct LineCounters {
     pub withheld: u32,
     /// Times that the bus stalled.
     pub stalls: u32,
+    /// Frames that only a master sends, and that we did not send.
+    pub masters: u32,
 }
 
 /// The bus gives no sign that frames leave.
@@ -107,6 +111,7 @@ pub struct Line {
     sync_in_flight: Option<Stamp>,
     sync_seen: Stamp,
     stall: Option<Stall>,
+    other_master: Option<Stamp>,
     next_setup: usize,
     drives: [Option<Member>; DRIVES],
     counters: LineCounters,
@@ -143,6 +148,7 @@ impl Line {
             sync_in_flight: None,
             sync_seen: Stamp::NEVER,
             stall: None,
+            other_master: None,
             next_setup: 0,
             drives,
             counters: LineCounters::default(),
@@ -161,7 +167,7 @@ impl Line {
         let listened = self.listening.advance(heard_until);
         self.waited = if self.is_waiting() { Span(self.waited.0.saturating_add(listened.0)) } else { Span::ZERO };
         for frame in frames {
-            self.take(&frame);
+            self.take(now, &frame);
         }
         self.supervise(now, health);
         for drive in self.drives.iter().flatten() {
@@ -170,7 +176,7 @@ impl Line {
             }
         }
         if let Some(slot) = feedbacks.health.get_mut(self.bus) {
-            *slot = self.health(health);
+            *slot = self.health(now, health);
         }
     }
 
@@ -193,7 +199,7 @@ impl Line {
         for drive in self.drives.iter().flatten() {
             drive.stop_frames(out);
         }
-        out.push(BusFrame { stamp: Stamp::default(), frame: SYNC_FRAME });
+        out.push(BusFrame::ours(Stamp::default(), SYNC_FRAME));
     }
 
     /// What happened since the start.
@@ -202,16 +208,28 @@ impl Line {
         &self.counters
     }
 
-    fn health(&self, reported: BusHealth) -> BusHealth {
+    fn health(&self, now: Stamp, reported: BusHealth) -> BusHealth {
         match reported {
+            BusHealth::Active | BusHealth::Passive if self.is_contested(now) => BusHealth::Contested,
             BusHealth::Active | BusHealth::Passive if self.stall.is_some() => BusHealth::Stalled,
             other => other,
         }
     }
 
-    fn take(&mut self, received: &BusFrame) {
+    fn is_contested(&self, now: Stamp) -> bool {
+        self.other_master.is_some_and(|at| now.since(at) < CONTESTED_FOR)
+    }
+
+    fn take(&mut self, now: Stamp, received: &BusFrame) {
         let stamp = received.stamp;
         match Message::parse(&received.frame) {
+            // What only a master says, and not we: its commands would move our motors, and pass for our echoes.
+            Ok(Message::Sync(_) | Message::Rpdo(..) | Message::Nmt(..) | Message::Heartbeat(Node::MASTER, _))
+                if !received.own =>
+            {
+                self.counters.masters = self.counters.masters.saturating_add(1);
+                self.other_master = Some(now);
+            }
             Ok(Message::Sync(_)) => self.on_sync_echo(stamp),
             Ok(Message::Rpdo(_, node, _)) => self.on_command_echo(node),
             Ok(Message::Nmt(..)) => self.on_probe_echo(),
@@ -328,7 +346,7 @@ impl Line {
         let Some(stall) = &mut self.stall else { return };
         if !stall.link_dead && stall.probe.is_none_or(|sent| now.since(sent) > PROBE_EVERY) {
             stall.probe = Some(now);
-            out.push(BusFrame { stamp: now, frame: Message::Nmt(NmtCommand::ResetNode, None).emit() });
+            out.push(BusFrame::ours(now, Message::Nmt(NmtCommand::ResetNode, None).emit()));
         }
     }
 
@@ -342,7 +360,7 @@ impl Line {
             let drive = self.drives.get_mut(index).and_then(Option::as_mut);
             if let Some(frame) = drive.and_then(|d| d.setup_frame(now, phase)) {
                 self.next_setup = index + 1;
-                out.push(BusFrame { stamp: now, frame });
+                out.push(BusFrame::ours(now, frame));
                 return;
             }
         }
@@ -352,14 +370,14 @@ impl Line {
         if phase + 1 == self.round && now.since(self.heartbeat_sent) >= self.heartbeat_every {
             self.heartbeat_sent = now;
             let frame = Message::Heartbeat(Node::MASTER, NmtState::Operational).emit();
-            out.push(BusFrame { stamp: now, frame });
+            out.push(BusFrame::ours(now, frame));
         }
     }
 
     fn put_commands(&mut self, now: Stamp, phase: u32, commands: &DriveCommands, out: &mut FrameBatch) {
         for drive in self.drives.iter_mut().flatten() {
             let command = commands.drives.get(drive.index()).copied().unwrap_or(DriveCommand::default());
-            drive.note_goal(command.goal);
+            drive.note_command(&command);
             if !drive.wants_command(phase, &command) {
                 continue;
             }
@@ -367,7 +385,7 @@ impl Line {
                 self.counters.withheld = self.counters.withheld.saturating_add(1);
                 continue;
             }
-            out.push(BusFrame { stamp: now, frame: drive.command(now, &command) });
+            out.push(BusFrame::ours(now, drive.command(now, &command)));
         }
     }
 
@@ -378,7 +396,7 @@ impl Line {
         } else if self.sync_in_flight.is_none() {
             self.cycle = self.cycle.wrapping_add(1);
             self.sync_in_flight = Some(now);
-            out.push(BusFrame { stamp: now, frame: SYNC_FRAME });
+            out.push(BusFrame::ours(now, SYNC_FRAME));
         }
     }
 }

@@ -106,6 +106,9 @@ pub(super) const fn mode_number(mode: DriveMode) -> i8 {
     }
 }
 
+/// Torque that the drive may use at most, 1/1000 of rated.
+pub(super) const TORQUE_LIMIT: Address = Address::new(0x6072, 0);
+
 /// All steps for one drive, in order.
 pub(super) fn steps(drive: &DriveConfig, node: Node, period: Span, trigger: Trigger) -> Box<[Step]> {
     let mode = mode_number(drive.mode);
@@ -189,10 +192,18 @@ fn operation(drive: &DriveConfig, mode: i8, period: Span) -> Vec<Step> {
     vec_of([
         Step::WriteIfPresent(Address::new(0x60C2, 1), SdoValue::u8(value)),
         Step::WriteIfPresent(Address::new(0x60C2, 2), SdoValue::i8(exponent)),
-        Step::Write(Address::new(0x6072, 0), SdoValue::u16(drive.max_torque_permille)),
+        Step::Write(TORQUE_LIMIT, SdoValue::u16(first_torque_limit(drive))),
         Step::Write(Address::new(0x6060, 0), SdoValue::i8(mode)),
         Step::Read(Address::new(0x6061, 0), Check::ModeIs(mode)),
     ])
+}
+
+/// A position drive gets its torque in operation, once it is known where its zero is; before, it could run into a stop.
+const fn first_torque_limit(drive: &DriveConfig) -> u16 {
+    match drive.mode {
+        DriveMode::CyclicTorque => drive.max_torque_permille,
+        DriveMode::CyclicPosition => 0,
+    }
 }
 
 /// Value and power of ten of a time in seconds that fits one byte, as exact as that allows.

@@ -20,7 +20,7 @@ fn at_ms(ms: i64) -> Stamp {
 fn cycle(line: &mut Line, now: Stamp, sent: &FrameBatch, more: &[CanFrame]) -> (FrameBatch, DriveFeedbacks) {
     let mut received = *sent;
     for frame in more {
-        received.push(BusFrame { stamp: now, frame: *frame });
+        received.push(BusFrame::theirs(now, *frame));
     }
     let mut feedbacks = DriveFeedbacks::default();
     line.receive(now, now, &received, BusHealth::Active, &mut feedbacks);
@@ -130,7 +130,7 @@ fn without_echo_the_bus_stalls_and_only_the_probe_is_sent_until_it_is_echoed() {
     assert!(sent[20..].iter().all(Vec::is_empty));
     let mut echo = FrameBatch::default();
     let frame = Message::Nmt(NmtCommand::ResetNode, None).emit();
-    echo.push(BusFrame { stamp: at_ms(60), frame });
+    echo.push(BusFrame::ours(at_ms(60), frame));
     let (out, feedbacks) = cycle(&mut line, at_ms(60), &echo, &[]);
     assert_eq!(feedbacks.health[0], BusHealth::Active);
     assert!(ids(&out).contains(&0x080));
@@ -163,4 +163,27 @@ fn stop_frames_disable_every_node_and_end_with_sync() {
         assert_eq!(data, [0; 8]);
     }
     assert_eq!(out.iter().nth(3).unwrap().frame, SYNC_FRAME);
+}
+
+#[test]
+fn whatever_only_a_master_says_and_we_did_not_is_told_and_never_taken_for_our_echo() {
+    let node = Node::new(1).unwrap();
+    let foreign = [
+        SYNC_FRAME,
+        Message::Rpdo(1, node, PdoData { len: 4, data: [0x0F, 0, 0xFF, 0x7F, 0, 0, 0, 0] }).emit(),
+        Message::Nmt(NmtCommand::Start, None).emit(),
+        Message::Heartbeat(Node::MASTER, NmtState::Operational).emit(),
+    ];
+    for frame in foreign {
+        let mut line = line(0);
+        let (out, _) = cycle(&mut line, at_ms(0), &FrameBatch::default(), &[]);
+        let in_flight = line.sync_in_flight;
+        // Nothing of ours is echoed; only the stranger speaks.
+        let (_, feedbacks) = cycle(&mut line, at_ms(1), &FrameBatch::default(), &[frame]);
+        assert_eq!(feedbacks.health[0], BusHealth::Contested, "{frame:?}");
+        assert_eq!((line.counters().masters, line.sync_in_flight), (1, in_flight), "{frame:?}");
+        let (out, _) = cycle(&mut line, at_ms(2), &out, &[]);
+        let (_, feedbacks) = cycle(&mut line, at_ms(1_100), &out, &[]);
+        assert_eq!(feedbacks.health[0], BusHealth::Active, "it has been silent for a second");
+    }
 }

@@ -49,7 +49,8 @@ fn keep(interface: &CanInterface, shared: &Weak<Shared>) {
 /// What helps against this kind of dead. A link that cannot be asked or changed is asked again later.
 fn revive(interface: &CanInterface, shared: &Shared, may_flap: bool) {
     match shared.health() {
-        BusHealth::Active => {}
+        // Another master is not the wire's fault, and the wire does not know of it.
+        BusHealth::Active | BusHealth::Contested => {}
         BusHealth::Stalled if may_flap => flap(interface, shared),
         BusHealth::Stalled => {}
         BusHealth::Passive | BusHealth::Down => adopt_state(interface, shared),

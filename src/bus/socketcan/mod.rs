@@ -196,7 +196,7 @@ impl Receive for CanRx {
         if frame.is_error() {
             self.shared.note_error_frame(&frame);
         }
-        Some(BusFrame { stamp, frame })
+        Some(BusFrame { stamp, own, frame })
     }
 
     fn health(&self) -> BusHealth {

@@ -11,7 +11,7 @@ fn robot(test: &str) -> String {
 }
 
 fn sample(sequence: u32) -> OperatorSample {
-    OperatorSample { stamp: Stamp(1), dead_man: true, sequence }
+    OperatorSample { stamp: Stamp(1), dead_man: true, sequence, ..OperatorSample::default() }
 }
 
 #[test]

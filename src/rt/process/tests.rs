@@ -20,7 +20,7 @@ impl Walk for Echoing {
         tick.output = Default::default();
         for (frames, send) in input.received.iter().zip(&mut tick.output.send) {
             for frame in frames.iter().filter(|f| f.frame.id == 0x181) {
-                send.push(BusFrame { stamp: input.now, frame: CanFrame::new(0x201, frame.frame.payload()) });
+                send.push(BusFrame::ours(input.now, CanFrame::new(0x201, frame.frame.payload())));
             }
         }
     }
@@ -58,6 +58,12 @@ struct Rig {
 }
 
 fn rig(name: &str, input: Input, trigger: Trigger) -> Rig {
+    let (parts, robots, seen) = parts(name, input, trigger);
+    let stop = parts.stop.clone();
+    Rig { running: start(Echoing, parts).unwrap(), stop, robots, seen }
+}
+
+fn parts(name: &str, input: Input, trigger: Trigger) -> (Parts, [Loopback; BUSES], Arc<AtomicUsize>) {
     let mut config = config::load(None, &[]).unwrap().config;
     config.real_time.input = input;
     config.real_time.trigger = trigger;
@@ -77,10 +83,10 @@ fn rig(name: &str, input: Input, trigger: Trigger) -> Rig {
         missing: Missing::default(),
         simulated: true,
         sinks: Sinks { each: Box::new(each), dump: Box::new(|_, _| {}) },
-        stop: stop.clone(),
+        stop,
         config,
     };
-    Rig { running: start(Echoing, parts).unwrap(), stop, robots: [far_a, far_b], seen }
+    (parts, [far_a, far_b], seen)
 }
 
 /// The answer of the loop to one frame of the hip, or none within a second.
@@ -118,4 +124,16 @@ fn every_kind_of_input_brings_frames_to_the_tick_and_commands_to_the_wire() {
         assert_eq!(seen + summary.observed.missed, ticks, "{name}: no tick goes uncounted");
         assert!(!summary.panicked);
     }
+}
+
+#[test]
+fn real_motors_with_a_simulated_hand_or_imu_never_start() {
+    let (real_parts, _far, _) = parts("made-up", Input::Threads, Trigger::Timer);
+    let refused = start(Echoing, Parts { simulated: false, ..real_parts });
+    assert!(matches!(refused, Err(ProcessError::MadeUpSenses)), "a simulated hand");
+    let (mut named_parts, _far, _) = parts("made-up", Input::Threads, Trigger::Timer);
+    for bus in &mut named_parts.config.robot.buses {
+        bus.backend = crate::config::checked::BusBackend::SocketCan("can0".into());
+    }
+    assert!(matches!(start(Echoing, named_parts), Err(ProcessError::MadeUpSenses)), "real buses by the configuration");
 }

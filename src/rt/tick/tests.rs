@@ -12,14 +12,15 @@ fn tick() -> Tick {
 fn input(index: u64) -> TickInput {
     let now = Stamp(1_000_000_000) + Span::from_ms(i64::try_from(index).unwrap());
     let mut input = TickInput { index, now, heard_until: [now; BUSES], imu_heard_until: now, ..TickInput::default() };
-    input.operator = OperatorSample { stamp: now, dead_man: index % 100 > 50, sequence: 1 };
+    input.operator =
+        OperatorSample { stamp: now, dead_man: index % 100 > 50, sequence: 1, ..OperatorSample::default() };
     input.imu.push(ImuSample { stamp: now, has_attitude: true, euler_rad: [0.0, 0.02, 0.0], ..ImuSample::default() });
     for (bus, batch) in input.received.iter_mut().enumerate() {
         // Boot-ups, answers and noise from all nodes, so that every branch of the bus master sees traffic.
         for n in 0..6_u16 {
             let id = [0x700, 0x180, 0x580, 0x080, 0x7FF][(usize::from(n) + bus) % 5] + n;
             let byte = u8::try_from(index % 251).unwrap();
-            batch.push(BusFrame { stamp: now, frame: CanFrame::new(id, &[byte; 8]) });
+            batch.push(BusFrame::theirs(now, CanFrame::new(id, &[byte; 8])));
         }
     }
     input

@@ -53,7 +53,10 @@ pub struct Cia402Drive {
     tpdo: PdoSetup,
     waiting: Option<PdoData>,
     syncs: u32,
-    position_counts: i32,
+    /// Where the shaft is, counts from an origin of the world's.
+    shaft_counts: i32,
+    /// Where the shaft was when the drive began to count: its encoder is incremental.
+    count_zero: i32,
     analog_counts: i16,
     torque_permille: f64,
     heartbeat_due: Stamp,
@@ -83,7 +86,8 @@ impl Cia402Drive {
             tpdo: PdoSetup::default(),
             waiting: None,
             syncs: 0,
-            position_counts: 0,
+            shaft_counts: 0,
+            count_zero: 0,
             analog_counts: 0,
             torque_permille: 0.0,
             heartbeat_due: Stamp::default(),
@@ -104,11 +108,11 @@ impl Cia402Drive {
         self.torque_permille
     }
 
-    /// Position that its loop drives to, counts; `None` while it has no power or no such mode.
+    /// Position that its loop drives to, counts from the world's origin; `None` while it has no power or no such mode.
     #[must_use]
     pub fn target_counts(&self) -> Option<i32> {
         let follows = self.state == State::Enabled && self.objects.raw(0x6061, 0) == MODE_POSITION;
-        follows.then(|| self.objects.raw(0x607A, 0).cast_signed())
+        follows.then(|| self.objects.raw(0x607A, 0).cast_signed().saturating_add(self.count_zero))
     }
 
     /// Torque that it should make now, 1/1000 of rated.
@@ -127,9 +131,9 @@ impl Cia402Drive {
         self.electrics.run(&mut self.torque_permille, target, dt)
     }
 
-    /// The encoder's count, taken over by the next SYNC.
+    /// Where the shaft is, counts from the world's origin; the encoder's part of it is taken over by the next SYNC.
     pub fn set_position(&mut self, counts: i32) {
-        self.position_counts = counts;
+        self.shaft_counts = counts;
     }
 
     /// The analogue input's count, taken over by the next SYNC.
@@ -184,8 +188,10 @@ impl Cia402Drive {
         }
     }
 
-    /// Cold start, as after a loss of power: everything that was written is gone.
+    /// Cold start, as after a loss of power: everything that was written is gone, and the encoder counts from where the
+    /// shaft happens to be.
     pub fn reboot(&mut self, now: Stamp) {
+        self.count_zero = self.shaft_counts;
         let torque_mode = 1 << (MODE_TORQUE - 1);
         let supported_modes = SUPPORTED_MODES & if self.defects.no_torque_mode { !torque_mode } else { !0 };
         self.objects = Objects::new(Plate { supported_modes, ..self.plate });
@@ -331,7 +337,7 @@ impl Cia402Drive {
         let follows = if self.state == State::Enabled { FOLLOWS } else { 0 };
         let word = self.state.statusword() | VOLTAGE_PRESENT | REMOTE | follows;
         self.objects.set(0x6041, 0, SdoValue::u16(word));
-        self.objects.set(0x6064, 0, SdoValue::i32(self.position_counts));
+        self.objects.set(0x6064, 0, SdoValue::i32(self.shaft_counts - self.count_zero));
         self.objects.set(0x6401, 1, SdoValue::i16(self.analog_counts));
         #[expect(clippy::cast_possible_truncation, reason = "limited to i16 by the torque limit")]
         let torque = libm::round(self.torque_permille) as i16;
