@@ -106,3 +106,84 @@ fn reader_that_goes_away_is_no_failure() {
     let output = child.wait_with_output().unwrap();
     assert_eq!((output.status.code(), String::from_utf8(output.stderr).unwrap()), (Some(0), String::new()));
 }
+
+/// A run of the simulated robot that is recorded into this folder; stdout goes where the test says.
+fn recorded_run(folder: &Path, seconds: &str, stdout: Stdio) -> std::process::Child {
+    let folder = folder.to_str().unwrap();
+    Plain::new(env!("CARGO_BIN_EXE_compass"))
+        .args(["run", "--for", seconds, "--record", folder, "--set", "rt.lock_memory=false"])
+        .stdin(Stdio::null())
+        .stdout(stdout)
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+/// The recording is closed; ticks in it.
+fn whole_ticks(folder: &Path) -> u64 {
+    let (_, said, stderr) = compass(&["inspect", &recording(folder)]);
+    assert!(said.contains("file      whole"), "{said}{stderr}");
+    let line = said.lines().find(|line| line.starts_with("ticks")).unwrap_or_else(|| said.lines().next().unwrap());
+    line.split_whitespace().find_map(|word| word.parse().ok()).unwrap()
+}
+
+/// On a loaded machine the simulated robot may have faulted (1); the view must neither end the run nor fail it.
+fn ended_by_itself(child: &mut std::process::Child) {
+    let code = child.wait().unwrap().code();
+    assert!(matches!(code, Some(0 | 1)), "{code:?}");
+}
+
+#[test]
+fn a_view_that_is_closed_or_on_a_full_disk_does_not_end_the_robot() {
+    let (closed, full) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let mut child = recorded_run(closed.path(), "4s", Stdio::piped());
+    let device = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let mut other = recorded_run(full.path(), "4s", device.into());
+    drop(child.stdout.take());
+    for (child, folder) in [(&mut child, closed.path()), (&mut other, full.path())] {
+        ended_by_itself(child);
+        // It ended at tick 1064 and 77 once.
+        let ticks = whole_ticks(folder);
+        assert!(ticks > 2_000, "{ticks}");
+    }
+}
+
+#[test]
+fn a_view_that_nobody_reads_does_not_keep_a_signal_from_closing_the_recording() {
+    use std::io::{Read, Write};
+    let folder = tempfile::tempdir().unwrap();
+    let (mut reader, mut writer) = std::io::pipe().unwrap();
+    // Full from the start: the first line of the view already blocks.
+    let filler = std::thread::spawn({
+        let mut writer = writer.try_clone().unwrap();
+        move || writer.write_all(&[b'x'; 1 << 20]).is_err()
+    });
+    std::thread::sleep(std::time::Duration::from_millis(200));
+    let mut child = recorded_run(folder.path(), "1h", writer.try_clone().unwrap().into());
+    std::thread::sleep(std::time::Duration::from_secs(3));
+    let pid = child.id().to_string();
+    assert!(Plain::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+    ended_by_itself(&mut child);
+    assert!(whole_ticks(folder.path()) > 500);
+    let mut rest = vec![0; 1 << 20];
+    reader.read_exact(&mut rest).unwrap();
+    writer.flush().unwrap();
+    assert!(!filler.join().unwrap());
+}
+
+#[test]
+fn a_dead_man_switch_without_a_hand_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("hand");
+    let robot = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
+    robot.set_nonblocking(true).unwrap();
+    let (code, _, stderr) = compass(&["operator", "--socket", path.to_str().unwrap()]);
+    assert_eq!(code, 2, "{stderr}");
+    assert!(stderr.contains("wants a hand"), "{stderr}");
+    let mut bytes = [0; 16];
+    while let Ok(count) = robot.recv(&mut bytes) {
+        assert_ne!(&bytes[..count], [1], "nobody holds anything");
+    }
+    let (code, _, stderr) = compass(&["zero", "--socket", path.to_str().unwrap(), "--angle-deg", "2"]);
+    assert_eq!((code, robot.recv(&mut bytes).unwrap()), (0, 9), "{stderr}");
+}

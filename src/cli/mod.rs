@@ -24,6 +24,7 @@ mod sim;
 mod simulate;
 mod trial;
 mod warn;
+mod zero;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -50,6 +51,7 @@ enum Command {
     Run(Box<run::Args>),
     Plant(plant::Args),
     Operator(operator::Args),
+    Zero(zero::Args),
     Sim(sim::Args),
     Replay(replay::Args),
     Inspect(inspect::Args),
@@ -70,6 +72,7 @@ impl Run for Command {
             Self::Run(args) => args.run(),
             Self::Plant(args) => args.run(),
             Self::Operator(args) => args.run(),
+            Self::Zero(args) => args.run(),
             Self::Sim(args) => args.run(),
             Self::Replay(args) => args.run(),
             Self::Inspect(args) => args.run(),

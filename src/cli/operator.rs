@@ -1,62 +1,92 @@
-//! `compass operator`: a dead-man switch at a terminal, held while this program lives. RT: no.
+//! `compass operator`: a dead-man switch for a hand at a key. RT: no.
+//!
+//! Nothing here holds by itself. With `--device` the key's state is asked of the kernel. A terminal tells no release, so
+//! there "held" means that the key repeats without a gap; when a connection or a keyboard dies, repeats end.
 
-use super::{Outcome, Run};
+mod key;
+
+use super::{Outcome, Run, UsageError};
 use crate::rt::stop::Stop;
+use crate::sensor::operator::socket::{HELD, OPEN, zero_datagram};
 use anyhow::Context;
-use std::io::{self, Write};
+use key::{Key, KeyState};
+use std::io::{self, IsTerminal, Write};
 use std::os::unix::net::UnixDatagram;
 use std::path::PathBuf;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 
-/// Between two heartbeats: five fit into the 100 ms after which silence is a fault.
-const HEARTBEAT: Duration = Duration::from_millis(20);
-/// So long the switch is shown open before it is pressed: arming wants to see a release first.
-const OPEN_FIRST: Duration = Duration::from_millis(500);
 /// Heartbeats of the release, so that one lost datagram does not matter.
 const RELEASES: usize = 3;
 
-const RELEASED: [u8; 1] = [0];
-const HELD: [u8; 1] = [1];
-
-/// Holds the dead-man switch of a running robot; Ctrl-C lets go.
+/// Holds the dead-man switch of a running robot while a key is held.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  compass run --set robot.operator.source=socket:/run/compass/operator
-  compass operator --socket /run/compass/operator      shows an open switch, presses, holds; Ctrl-C lets go
+  compass run --config /etc/compass                                (robot.operator.source = \"socket:/run/compass/operator\")
+  compass operator --socket /run/compass/operator                  the space bar of this terminal
+  compass operator --socket /run/compass/operator --device /dev/input/by-id/usb-Pedal-event-kbd --key 57
 
+First hold until the toes have found their zero, let go, then press again to arm. In a terminal a key counts as held while
+it repeats without a gap of 100 ms, which begins after the keyboard's first delay; z confirms the hip's zero with the legs
+aligned, q ends. Only one process at a time has the switch: a second one is refused by the robot.
 Killing it is as good as letting go: silence is a fault after robot.limits.operator_age_ms.
-Exit codes: 0 let go, 3 nobody listens at the socket.")]
+Exit codes: 0 ended by the person, 2 no key to hold, 3 nobody listens at the socket or the device is gone.")]
 pub(crate) struct Args {
     /// The robot's socket (robot.operator.source)
     #[arg(long, value_name = "PATH")]
     socket: PathBuf,
+    /// Input device with the key (evdev) instead of the terminal
+    #[arg(long, value_name = "PATH")]
+    device: Option<PathBuf>,
+    /// Number of its key, as linux/input-event-codes.h counts (57 is the space bar, 304 the first button of a pad)
+    #[arg(long, value_name = "N", default_value_t = 57, requires = "device")]
+    key: u16,
 }
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
         let stop = Stop::on_signals().context("signal handlers")?;
-        let socket = UnixDatagram::unbound()?;
-        socket.connect(&self.socket).with_context(|| format!("nobody listens at {}", self.socket.display()))?;
-        beat(&socket, &RELEASED, &stop, Some(Instant::now() + OPEN_FIRST))?;
-        writeln!(io::stderr(), "held; Ctrl-C lets go")?;
-        let held = beat(&socket, &HELD, &stop, None);
+        let socket = connect(&self.socket)?;
+        let mut key = match &self.device {
+            Some(path) => Key::device(path, self.key).with_context(|| format!("--device {}", path.display()))?,
+            None if io::stdin().is_terminal() => Key::terminal()?,
+            None => {
+                let what = "a dead-man switch wants a hand: stdin is no terminal. Run it in one, or name a --device";
+                return Err(UsageError(what.into()).into());
+            }
+        };
+        let held = beat(&socket, &mut key, &stop);
         for _ in 0..RELEASES {
             // The robot may be gone already, and then all is well.
-            drop(socket.send(&RELEASED));
+            drop(socket.send(&[OPEN]));
         }
+        drop(key);
         held?;
-        writeln!(io::stderr(), "released")?;
         Ok(Outcome::Fine)
     }
 }
 
-/// Says the same again and again until `end` or the stop.
-fn beat(socket: &UnixDatagram, byte: &[u8; 1], stop: &Stop, end: Option<Instant>) -> anyhow::Result<()> {
-    while !stop.is_requested() && end.is_none_or(|end| Instant::now() < end) {
-        socket.send(byte).context("the robot is gone")?;
-        sleep(HEARTBEAT);
+/// A socket towards the robot's.
+pub(super) fn connect(path: &std::path::Path) -> anyhow::Result<UnixDatagram> {
+    let socket = UnixDatagram::unbound()?;
+    socket.connect(path).with_context(|| format!("nobody listens at {}", path.display()))?;
+    Ok(socket)
+}
+
+/// Says how the key is, again and again, until the person or a signal ends it.
+fn beat(socket: &UnixDatagram, key: &mut Key, stop: &Stop) -> anyhow::Result<()> {
+    let mut shown = None;
+    while !stop.is_requested() {
+        match key.wait()? {
+            KeyState::Quit => return Ok(()),
+            KeyState::Zero => drop(socket.send(&zero_datagram(0.0)).context("the robot is gone")?),
+            KeyState::Switch(held) => {
+                socket.send(&[if held { HELD } else { OPEN }]).context("the robot is gone")?;
+                if shown != Some(held) {
+                    shown = Some(held);
+                    write!(io::stderr(), "{}\r\n", if held { "held" } else { "open" })?;
+                }
+            }
+        }
     }
     Ok(())
 }

@@ -6,14 +6,12 @@ use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
 use crate::msg::Drive;
 use crate::rt::clock;
+use crate::rt::stop::Stop;
 use crate::rt::thread::{self, Missing};
 use crate::sim::plant::Plant;
 use crate::sim::served::{ServeError, Served};
 use crate::sim::world;
-use signal_hook::consts::{SIGINT, SIGTERM};
 use std::io::{self, Write};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Runs the simulated robot on real CAN interfaces and a pseudo-terminal, for a controller in another process.
 #[derive(clap::Args)]
@@ -24,7 +22,7 @@ Examples:
   compass plant --config robot.toml --for 60
 
 If robot.imu.backend names a path, it becomes a symbolic link to the pseudo-terminal; otherwise its path is printed.
-A line per second tells angles, hip torque and the drives' states. Ends with SIGINT or SIGTERM.
+A line per second tells angles, hip torque and the drives' states. Ends with SIGINT, SIGTERM or SIGHUP.
 Exit codes: 0 fine, 2 configuration, 3 no such interface.")]
 pub(crate) struct Args {
     #[command(flatten)]
@@ -37,10 +35,7 @@ pub(crate) struct Args {
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
         let config = self.config.load_as_robot()?.config;
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM] {
-            signal_hook::flag::register(signal, Arc::clone(&stop))?;
-        }
+        let stop = Stop::on_signals()?;
         let mut served = open(&config)?;
         let mut out = io::stdout().lock();
         writeln!(out, "IMU at {}", served.imu_path())?;
@@ -53,7 +48,7 @@ impl Run for Args {
         let start = clock::now();
         let end = self.for_s.map(|s| start + Span::from_s(s));
         let mut next_line = start;
-        while !stop.load(Ordering::Relaxed) && end.is_none_or(|end| clock::now() < end) {
+        while !stop.is_requested() && end.is_none_or(|end| clock::now() < end) {
             served.turn();
             if served.plant().now() >= next_line {
                 next_line += Span::from_ms(1000);

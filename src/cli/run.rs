@@ -4,26 +4,23 @@ mod mock;
 mod sinks;
 mod summary;
 mod supervise;
+mod view;
 mod wiring;
 
 use super::config_args::ConfigArgs;
 use super::{Outcome, Run, UsageError};
-use crate::channel::port::{Endpoint, Subscriber};
-use crate::channel::topic;
 use crate::config::Resolved;
-use crate::config::checked::{Config, Thread};
-use crate::msg::{FaultCode, RecorderStatus, TickRecord};
-use crate::rt::process::{self, Parts, Progress, Running};
-use crate::rt::stop::Stop;
-use crate::rt::thread::Missing;
+use crate::config::checked::Config;
+use crate::rt::process::{self, Parts, Running, Summary};
+use crate::rt::stop::{self, Stop};
 use crate::rt::tick::Tick;
-use crate::telemetry::{self, Side, ThreadLine};
+use crate::sensor::operator::socket::Refusals;
 use anyhow::Context;
 use sinks::Archive;
-use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
+use view::View;
 
 /// Runs the robot: the real one or, as in the default configuration, a simulated one in this process.
 #[derive(clap::Args)]
@@ -36,7 +33,7 @@ Examples:
 
 Real buses with the simulated hand or the simulated IMU are refused: motors would run with nobody there.
 
-Exit codes: 0 fine, 1 a fault was latched, 2 configuration, 3 a device, 70 internal.")]
+Exit codes: 0 fine (letting the switch go is), 1 a fall or a fault, 2 configuration, 3 a device, 70 internal.")]
 pub(crate) struct Args {
     #[command(flatten)]
     config: ConfigArgs,
@@ -73,26 +70,29 @@ impl Run for Args {
         self.config.overrides.extend(self.controller.iter().map(|name| format!("control.controller={name}")));
         let resolved = self.config.load()?;
         let stop = Stop::on_signals().context("signal handlers")?;
-        let archive = Archive::open(self.record.as_deref(), &resolved)?;
+        let archive = Arc::new(Archive::open(self.record.as_deref(), &resolved)?);
         let robot = self.name.clone().unwrap_or_else(|| default_name(&resolved.config));
-        let (running, mock) = assemble(&resolved, &robot, &archive, &stop)?;
+        let Assembled { running, mock, refusals } = assemble(&resolved, &robot, &archive, &stop)?;
         let watcher = supervise::spawn(running.progress(), stop.clone(), self.run_for)?;
-        let shown = show(&resolved.config, &robot, &running, &archive, &stop);
-        stop.request();
+        let view = View::start(&view::Parts {
+            config: &resolved.config,
+            robot: &robot,
+            running: &running,
+            archive: &archive,
+            refusals,
+            stop: &stop,
+        })?;
+        // A signal, the time, a person at the view or a panic ends it; the view itself does not.
         let summary = running.wait();
         drop(mock);
         if watcher.join().is_err() {
             anyhow::bail!("the supervising thread failed");
         }
         let closed = archive.finish();
-        summary::write(&mut io::stdout().lock(), &summary, &closed)?;
-        shown?;
-        if summary.panicked {
-            // The hook has told where; this only brings the exit code 70.
-            std::panic::resume_unwind(Box::new("the control thread panicked"));
-        }
-        let faulted = summary.observed.faults.iter().any(|fault| fault.code != FaultCode::Stopping);
-        Ok(if faulted { Outcome::Finding } else { Outcome::Fine })
+        let mut words = Vec::new();
+        summary::write(&mut words, &summary, &closed)?;
+        view.finish(String::from_utf8_lossy(&words).into_owned());
+        outcome(&summary, stop::panics())
     }
 }
 
@@ -101,16 +101,18 @@ fn default_name(config: &Config) -> String {
     if wiring::is_simulated(config) { format!("simulated-{}", std::process::id()) } else { "robot".into() }
 }
 
-fn assemble(
-    resolved: &Resolved,
-    robot: &str,
-    archive: &Archive,
-    stop: &Stop,
-) -> anyhow::Result<(Running, Option<mock::MockRobot>)> {
+/// What runs.
+struct Assembled {
+    running: Running,
+    mock: Option<mock::MockRobot>,
+    refusals: Option<Arc<Refusals>>,
+}
+
+fn assemble(resolved: &Resolved, robot: &str, archive: &Archive, stop: &Stop) -> anyhow::Result<Assembled> {
     let config = &resolved.config;
     let tick = Tick::new(config).map_err(|error| UsageError(error.to_string()))?;
     let wiring = wiring::open(config)?;
-    let stop_frames = tick.stop_frames();
+    let (stop_frames, refusals) = (tick.stop_frames(), wiring.hand.refusals());
     let parts = Parts {
         config: config.clone(),
         robot: robot.to_owned(),
@@ -124,79 +126,16 @@ fn assemble(
         stop: stop.clone(),
     };
     let mock = wiring.mock.map(mock::MockRobot::start).transpose()?;
-    Ok((process::start(tick, parts)?, mock))
+    Ok(Assembled { running: process::start(tick, parts)?, mock, refusals })
 }
 
-/// Shows the run until it ends.
-fn show(config: &Config, robot: &str, running: &Running, archive: &Archive, stop: &Stop) -> anyhow::Result<()> {
-    let channels = Endpoint::join(robot)?;
-    let mut feed = Watched {
-        ticks: channels.subscriber(&topic::TICK)?,
-        progress: running.progress(),
-        archive,
-        threads: thread_lines(config, running.missing()),
-        notices: notices(config, robot, running.missing()),
-    };
-    Ok(telemetry::run(config, &mut feed, stop.flag())?)
-}
-
-/// What a person should know at the start.
-fn notices(config: &Config, robot: &str, missing: Missing) -> Vec<String> {
-    let mut notices: Vec<String> = missing.in_words().map(|text| format!("not granted: {text}")).collect();
-    if missing.needed() != Missing::default() {
-        notices.push(if wiring::is_simulated(config) {
-            "no real time: fine for a simulated robot, a real one would not be armed".into()
-        } else {
-            "NO REAL TIME: the robot will NOT be armed; `compass doctor` says what to do".into()
-        });
+/// How the run ended. Letting the switch go is the ordinary end of it; anything else that was latched is a finding.
+fn outcome(summary: &Summary, panics: u32) -> anyhow::Result<Outcome> {
+    if summary.panicked || panics > 0 {
+        // The hook has told where; this only brings the exit code 70.
+        std::panic::resume_unwind(Box::new("a thread panicked"));
     }
-    notices.push(format!("channels of robot `{robot}`; recordings and views of other processes attach there"));
-    notices
-}
-
-fn thread_lines(config: &Config, missing: Missing) -> Vec<ThreadLine> {
-    let timing = &config.real_time;
-    let [bus0, bus1] = &timing.bus;
-    let all = [("control", &timing.control), ("bus0", bus0), ("bus1", bus1), ("imu", &timing.imu)];
-    all.into_iter().map(|(name, thread)| thread_line(name, thread, missing)).collect()
-}
-
-fn thread_line(name: &str, thread: &Thread, missing: Missing) -> ThreadLine {
-    let refused = |bit: Missing| missing.0 & bit.0 != 0;
-    let policy = match thread.priority {
-        0 => "ordinary".to_owned(),
-        _ if refused(Missing::FIFO) => "FIFO refused".to_owned(),
-        priority => format!("FIFO {priority}"),
-    };
-    let core = thread.core.map_or_else(|| "any core".to_owned(), |core| format!("core {core}"));
-    let good = !refused(Missing::FIFO) && !refused(Missing::CORE);
-    ThreadLine { name: name.to_owned(), detail: format!("{policy}, {core}"), good }
-}
-
-/// The running loop as the terminal sees it: through the same channel as any other process.
-struct Watched<'a> {
-    ticks: Subscriber<TickRecord>,
-    progress: Arc<Progress>,
-    archive: &'a Archive,
-    threads: Vec<ThreadLine>,
-    notices: Vec<String>,
-}
-
-impl telemetry::Feed for Watched<'_> {
-    fn poll(&mut self, each: &mut dyn FnMut(&TickRecord)) -> bool {
-        let more = !self.progress.has_ended();
-        while let Some(record) = self.ticks.receive() {
-            each(&record);
-        }
-        more
-    }
-
-    fn side(&mut self) -> Side {
-        let mut notices = std::mem::take(&mut self.notices);
-        notices.extend(self.archive.take_notices());
-        let recorder: RecorderStatus = self.archive.status().unwrap_or_default();
-        Side { recorder, threads: self.threads.clone(), notices }
-    }
+    Ok(if summary.observed.faulted { Outcome::Finding } else { Outcome::Fine })
 }
 
 #[cfg(test)]

@@ -74,7 +74,7 @@ struct Told {
 /// A running recording. Dropping it closes the file.
 pub struct Recorder {
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
+    thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl Recorder {
@@ -104,7 +104,7 @@ impl Recorder {
         worker.tell();
         let thread =
             thread::Builder::new().name("recorder".into()).spawn(move || worker.run()).map_err(StartError::Thread)?;
-        Ok(Self { shared, thread: Some(thread) })
+        Ok(Self { shared, thread: Mutex::new(Some(thread)) })
     }
 
     /// Hands a tick over. Never waits; a full queue costs the tick, which is counted.
@@ -140,14 +140,16 @@ impl Recorder {
 
     /// Writes what waits, closes the file, and says how it went.
     #[must_use]
-    pub fn finish(mut self) -> RecorderStatus {
+    pub fn finish(self) -> RecorderStatus {
         self.close();
         self.status()
     }
 
-    fn close(&mut self) {
+    /// The same while others still look at it.
+    pub fn close(&self) {
         self.shared.stop.store(true, Ordering::Release);
-        if let Some(thread) = self.thread.take()
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(thread) = thread
             && thread.join().is_err()
         {
             self.shared.told().notices.push("recorder: its thread failed (a bug)".into());

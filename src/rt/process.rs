@@ -94,7 +94,7 @@ pub struct Summary {
     pub allocations: Option<u64>,
     /// Page faults likewise.
     pub page_faults: Option<u64>,
-    /// The control thread ended by a panic.
+    /// One of its threads ended by a panic: control, input or relay.
     pub panicked: bool,
 }
 
@@ -125,14 +125,16 @@ impl Running {
     /// Waits for the end, which somebody else must have asked for.
     #[must_use]
     pub fn wait(self) -> Summary {
-        let panicked = self.control.join().is_err();
+        let mut panicked = self.control.join().is_err();
         self.progress.ended.store(true, Ordering::Release);
         self.stop.request();
         for thread in self.io {
-            // A thread that panicked was told by the hook, and its silence made the tick fault.
-            drop(thread.join());
+            // What it was, the hook has told.
+            panicked |= thread.join().is_err();
         }
-        let observed = self.relay.join().unwrap_or_default();
+        let relay = self.relay.join();
+        panicked |= relay.is_err();
+        let observed = relay.unwrap_or_default();
         let after_arming = |n: &AtomicU64| {
             let counted = n.load(Ordering::Relaxed);
             self.progress.was_armed.load(Ordering::Relaxed).then_some(counted)

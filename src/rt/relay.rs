@@ -8,7 +8,7 @@ use super::stats::LoopStats;
 use crate::channel::port::{ChannelError, Endpoint, Publisher};
 use crate::channel::ring::Ring;
 use crate::channel::topic;
-use crate::msg::{Fault, TickRecord};
+use crate::msg::{Fault, FaultCode, TickRecord};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::thread;
@@ -39,6 +39,8 @@ pub struct Observed {
     pub faults: Vec<Fault>,
     /// The last tick.
     pub last: Box<TickRecord>,
+    /// Something was latched that is no ordinary end: neither a stop nor the switch let go.
+    pub faulted: bool,
     /// Ticks that had no room on their way to the relay.
     pub missed: u64,
 }
@@ -91,6 +93,8 @@ impl Relay {
         (self.sinks.each)(record);
         self.observed.stats.observe(record);
         let new_fault = record.status.faults > self.observed.last.status.faults;
+        let ordinary = [FaultCode::Stopping, FaultCode::DeadManReleased];
+        self.observed.faulted |= new_fault && !ordinary.contains(&record.status.first_fault.code);
         if new_fault && self.observed.faults.len() < MOST_FAULTS {
             self.observed.faults.push(record.status.first_fault);
         }

@@ -6,6 +6,7 @@
 
 use crate::bus::Transmit;
 use crate::msg::{BUSES, FrameBatch};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use std::panic;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
@@ -15,13 +16,13 @@ use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// Also set by SIGTERM and SIGINT.
+    /// Also set by SIGTERM, SIGINT, SIGQUIT, and by SIGHUP: a terminal or connection that is gone is no hand.
     ///
     /// # Errors
     /// When the handlers cannot be installed.
     pub fn on_signals() -> std::io::Result<Self> {
         let stop = Self::default();
-        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        for signal in [SIGTERM, SIGINT, SIGQUIT, SIGHUP] {
             signal_hook::flag::register(signal, Arc::clone(&stop.0))?;
         }
         Ok(stop)
@@ -88,8 +89,8 @@ impl StopGuard {
             if let Some(words) = words.upgrade() {
                 say(&words);
                 stop.request();
-                PANICS.fetch_add(1, Ordering::Relaxed);
             }
+            PANICS.fetch_add(1, Ordering::Relaxed);
             before(info);
         }));
     }
@@ -158,8 +159,17 @@ mod tests {
             panic!("on purpose");
         });
         assert!(thread.join().is_err());
-        assert!(other.receive().is_some() && stop.is_requested());
+        assert!(other.receive().is_some() && stop.is_requested() && panics() > 0);
         drop(guard);
+    }
+
+    #[test]
+    fn every_signal_that_asks_a_process_to_end_is_a_stop() {
+        for signal in [SIGTERM, SIGINT, SIGQUIT, SIGHUP] {
+            let stop = Stop::on_signals().unwrap();
+            signal_hook::low_level::raise(signal).unwrap();
+            assert!(stop.is_requested(), "{signal}");
+        }
     }
 
     #[test]

@@ -1,18 +1,19 @@
 //! The operator's hand on the dead-man switch.
 //!
 //! A hand says how it is whenever it is asked, with the time at which it was last heard of. The reader judges the age:
-//! silence is neither "held" nor "released". RT: [`Hand::poll`] never waits and does not allocate.
+//! silence is neither "held" nor "released". [`socket`] hears a person's, [`SimulatedHand`] is a program that does what a
+//! person would. RT: [`Hand::poll`] never waits and does not allocate.
+
+pub mod socket;
 
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::{Config, Operator};
 use crate::msg::{FaultCode, Mode, OperatorSample, Status};
-use std::fs;
+use socket::{Refusals, SocketHand};
 use std::io;
-use std::os::unix::net::UnixDatagram;
 use std::path::Path;
+use std::sync::Arc;
 
-/// Datagrams taken in one poll: more than fifty hands at 20 Hz send in a tick.
-const MAX_DATAGRAMS: usize = 8;
 /// A simulated person who sees that the robot did not arm lets go and tries again after this.
 const TRY_AGAIN: Span = Span::from_ms(1_000);
 /// So long the switch is open then.
@@ -39,8 +40,19 @@ impl Hand {
     pub fn open(config: &Config) -> io::Result<Self> {
         Ok(match &config.robot.operator {
             Operator::Simulated => Self::Simulated(SimulatedHand::new(config)),
-            Operator::Socket(path) => Self::Socket(SocketHand::bind(Path::new(path))?),
+            Operator::Socket(path) => {
+                Self::Socket(SocketHand::bind(Path::new(path), config.robot.limits.operator_age)?)
+            }
         })
+    }
+
+    /// Senders that were refused, for those who tell the person; none where the hand is simulated.
+    #[must_use]
+    pub fn refusals(&self) -> Option<Arc<Refusals>> {
+        match self {
+            Self::Simulated(_) => None,
+            Self::Socket(hand) => Some(hand.refusals()),
+        }
     }
 
     /// How the hand is at `now`; `seen` is what the operator sees of the robot.
@@ -144,46 +156,6 @@ impl SimulatedHand {
     }
 }
 
-/// Listens on a UNIX datagram socket: byte 1 = held, byte 0 = released, anything else is nothing.
-#[derive(Debug)]
-pub struct SocketHand {
-    socket: UnixDatagram,
-    newest: OperatorSample,
-}
-
-impl SocketHand {
-    /// Makes the socket; one that a dead process left behind is replaced.
-    ///
-    /// # Errors
-    /// When the path cannot be bound.
-    pub fn bind(path: &Path) -> io::Result<Self> {
-        match fs::remove_file(path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => {}
-        }
-        let socket = UnixDatagram::bind(path)?;
-        socket.set_nonblocking(true)?;
-        Ok(Self { socket, newest: OperatorSample { stamp: Stamp::NEVER, ..OperatorSample::default() } })
-    }
-
-    fn poll(&mut self, now: Stamp) -> OperatorSample {
-        for _ in 0..MAX_DATAGRAMS {
-            let mut byte = [0xFF];
-            match self.socket.recv(&mut byte) {
-                Ok(1) if byte[0] <= 1 => self.hear(now, byte[0] == 1),
-                Ok(_) => {}
-                Err(_) => break,
-            }
-        }
-        self.newest
-    }
-
-    fn hear(&mut self, now: Stamp, dead_man: bool) {
-        let sequence = self.newest.sequence.wrapping_add(1);
-        self.newest = OperatorSample { stamp: now, dead_man, sequence, ..self.newest };
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -232,21 +204,5 @@ mod tests {
         assert!((1..300).all(|ms| hand.poll(at(ms), &seen(Mode::Homing)).dead_man));
         assert!((300..500).all(|ms| !hand.poll(at(ms), &seen(Mode::Disarmed)).dead_man), "lets go when they are home");
         assert!(hand.poll(at(500), &seen(Mode::Disarmed)).dead_man, "and presses anew to arm");
-    }
-
-    #[test]
-    fn the_socket_hears_the_newest_byte_and_keeps_its_time() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("hand");
-        drop(SocketHand::bind(&path).unwrap());
-        let mut hand = SocketHand::bind(&path).unwrap();
-        assert_eq!(hand.poll(at(0)).stamp, Stamp::NEVER);
-        let sender = UnixDatagram::unbound().unwrap();
-        for bytes in [&[0][..], &[1], &[7], &[]] {
-            sender.send_to(bytes, &path).unwrap();
-        }
-        let first = hand.poll(at(1));
-        assert_eq!(first, OperatorSample { stamp: at(1), dead_man: true, sequence: 2, ..OperatorSample::default() });
-        assert_eq!(hand.poll(at(90)), first, "silence changes nothing but the age");
     }
 }

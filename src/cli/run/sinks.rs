@@ -66,11 +66,13 @@ impl Archive {
     }
 
     /// Writes what waits and closes.
-    pub(super) fn finish(mut self) -> Closed {
+    pub(super) fn finish(&self) -> Closed {
         self.flight.finish();
-        let news = self.take_notices();
-        let recorder = self.recorder.and_then(Arc::into_inner);
-        Closed { recorded: recorder.map(|recorder| (recorder.path(), recorder.finish())), notices: news }
+        if let Some(recorder) = &self.recorder {
+            recorder.close();
+        }
+        let recorded = self.recorder.as_ref().map(|recorder| (recorder.path(), recorder.status()));
+        Closed { recorded, notices: self.take_notices() }
     }
 }
 
@@ -81,7 +83,7 @@ type Dump = Option<(Fault, Vec<TickRecord>)>;
 /// would be lost to the recording meanwhile.
 struct FlightWriter {
     queue: Sender<Dump>,
-    thread: Option<JoinHandle<()>>,
+    thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl FlightWriter {
@@ -97,7 +99,8 @@ impl FlightWriter {
                 notices.lock().unwrap_or_else(PoisonError::into_inner).push(line);
             }
         };
-        Ok(Self { queue, thread: Some(Builder::new().name("flight".into()).spawn(body)?) })
+        let thread = Builder::new().name("flight".into()).spawn(body)?;
+        Ok(Self { queue, thread: Mutex::new(Some(thread)) })
     }
 
     /// What the relay calls; a copy of the ticks is all that it waits for.
@@ -111,9 +114,9 @@ impl FlightWriter {
         }
     }
 
-    fn finish(&mut self) {
+    fn finish(&self) {
         drop(self.queue.send(None));
-        if let Some(thread) = self.thread.take() {
+        if let Some(thread) = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take() {
             drop(thread.join());
         }
     }

@@ -1,6 +1,8 @@
 use super::*;
 use crate::config;
-use crate::msg::{Mode, TickInput};
+use crate::msg::{Mode, TickInput, TickRecord};
+use crate::rt::relay::Observed;
+use crate::rt::thread::Missing;
 use crate::rt::{allocation, memory};
 use crate::sim::lockstep::Lockstep;
 
@@ -34,4 +36,21 @@ fn the_tick_of_an_armed_robot_neither_allocates_nor_faults() {
     let end = (allocation::on_this_thread(), memory::faults_of_this_thread());
     assert_eq!((record.status.mode, record.status.faults), (Mode::Armed, 0));
     assert_eq!(end, start, "allocations, page faults in {} ticks", after.len());
+}
+
+/// What the relay saw of a run with this fault and this state of the threads.
+fn ended(faulted: bool, panicked: bool) -> Summary {
+    let observed = Observed { faulted, ..Observed::default() };
+    Summary { observed, missing: Missing::default(), refused_frames: 0, allocations: None, page_faults: None, panicked }
+}
+
+#[test]
+fn a_release_ends_in_0_a_fault_in_1_and_a_panic_of_any_thread_in_70() {
+    assert_eq!(outcome(&ended(false, false), 0).unwrap(), Outcome::Fine);
+    assert_eq!(outcome(&ended(true, false), 0).unwrap(), Outcome::Finding);
+    for (panicked, counted) in [(true, 0), (false, 1)] {
+        let summary = ended(false, panicked);
+        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| outcome(&summary, counted)));
+        assert!(result.is_err(), "which the exit code 70 is made of");
+    }
 }

@@ -137,3 +137,13 @@ fn real_motors_with_a_simulated_hand_or_imu_never_start() {
     }
     assert!(matches!(start(Echoing, named_parts), Err(ProcessError::MadeUpSenses)), "real buses by the configuration");
 }
+
+#[test]
+fn a_panic_of_the_relay_stops_the_robot_and_is_told() {
+    let (mut made, robots, _) = parts("panic", Input::Threads, Trigger::Timer);
+    made.sinks.each = Box::new(|_| panic!("on purpose"));
+    let stop = made.stop.clone();
+    let running = start(Echoing, made).unwrap();
+    assert!(running.wait().panicked && stop.is_requested(), "nobody else has asked it to end");
+    drop(robots);
+}
