@@ -98,7 +98,8 @@ mod tests {
         let mut bytes = Vec::new();
         encode(&frame, &mut bytes);
         let stamp = [2, 1, 0, 0, 0, 0, 0, 0];
-        let expected = [&HEADER[..], &stamp, &[0xFF, 7, 0, 0], &[0, 0, 0, 0], &[2, 0, 0, 0], &[0xAA, 0xBB]].concat();
+        let expected =
+            [&HEADER[..], &stamp, &[0xFF, 7, 0, 0], &[0, 0, 0, 0], &[2, 0, 0, 0], &[0xAA, 0xBB], &[1]].concat();
         assert_eq!(bytes, expected);
         assert_eq!(decode::<BusFrame>(&bytes), Some(frame));
     }

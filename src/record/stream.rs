@@ -328,7 +328,7 @@ pub(crate) mod tests {
                 0 => CanFrame::fd(id as u32, &bytes.repeat(8)[..(id >> 32) as usize % 65], 0x50),
                 _ => CanFrame::new(id as u16, &bytes[..(id >> 32) as usize % 9]),
             };
-            let item = BusFrame { stamp: Stamp(rng.next_u64().cast_signed()), frame };
+            let item = BusFrame { stamp: Stamp(rng.next_u64().cast_signed()), frame, own: id % 3 == 0 };
             if !batch.has_room(&frame) {
                 break;
             }
