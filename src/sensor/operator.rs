@@ -18,6 +18,8 @@ use std::sync::Arc;
 const TRY_AGAIN: Span = Span::from_ms(1_000);
 /// So long the switch is open then.
 const LET_GO: Span = Span::from_ms(200);
+/// After homing it waits so long before it presses: the drives leave operation.
+const SETTLE: Span = Span::from_ms(20);
 /// It confirms the hip's zero again after this, if it was not taken.
 const CONFIRM_AGAIN: Span = Span::from_ms(50);
 /// So long it holds without seeing the toes home, or anything of an arming robot.
@@ -136,6 +138,7 @@ impl SimulatedHand {
             let over = if self.homed { seen.mode != Mode::Homing } else { now.since(since) >= WAIT_FOR_HOMING };
             if over {
                 (self.homing, self.next_homing) = (None, now + LET_GO);
+                self.next_press = self.next_press.max(now + SETTLE);
             }
         } else if missing && !self.pressed && now >= self.next_homing {
             (self.homing, self.homed) = (Some(now), false);
@@ -197,12 +200,12 @@ mod tests {
 
     #[test]
     fn the_simulated_hand_holds_while_the_toes_look_for_their_zero_and_confirms_the_hips() {
-        let mut hand = hand(&[]);
+        let mut hand = hand(&["sim.operator_press_s=0.3"]);
         let missing = Status { arm_blockers: 1 << FaultCode::ZeroUnknown as u8, ..seen(Mode::Disarmed) };
         let first = hand.poll(at(0), &missing);
         assert!(first.dead_man && first.zeroings == 1 && (first.zero_angle_rad - 0.0349).abs() < 1e-12);
         assert!((1..300).all(|ms| hand.poll(at(ms), &seen(Mode::Homing)).dead_man));
-        assert!((300..500).all(|ms| !hand.poll(at(ms), &seen(Mode::Disarmed)).dead_man), "lets go when they are home");
-        assert!(hand.poll(at(500), &seen(Mode::Disarmed)).dead_man, "and presses anew to arm");
+        assert!((300..320).all(|ms| !hand.poll(at(ms), &seen(Mode::Disarmed)).dead_man), "lets go when they are home");
+        assert!(hand.poll(at(320), &seen(Mode::Disarmed)).dead_man, "and presses anew to arm");
     }
 }
