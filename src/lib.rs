@@ -26,7 +26,7 @@
 //! | L4 | `record` | MCAP files: schemas, writer, reader, replay | no |
 //! | L4 | `telemetry` | reads channels only; terminal view; never in the tick | no |
 //! | L5 | `sim` | the simulated robot: hybrid world, drives and IMU that speak the real bytes, lockstep | no |
-//! | L5 | `design` | offline: gains and gaits for `control` | no |
+//! | L5 | [`design`] | offline: gains and gaits for `control` | no |
 //! | L5 | `report` | plots, tables, pages: data in, files out; computes nothing | no |
 //! | L6 | `identify` | rigs, recordings, free runs with sensitivities, fits, identifiability | no |
 //! | L6 | `diagnose` | detect, localise, attribute, prove; concealed trials | no |
@@ -45,6 +45,7 @@ pub mod channel;
 pub mod cli;
 pub mod config;
 pub mod control;
+pub mod design;
 pub mod diagnose;
 pub mod dispatch;
 pub mod estimate;
