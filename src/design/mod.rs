@@ -5,9 +5,18 @@
 //! | [`problem`] | a planning problem as data: phases, ends, limits, cost |
 //! | [`nlp`] | nonlinear programs: interior point, chain-structured linear algebra |
 //! | [`collocation`] | problem → program: Hermite-Simpson, exact derivatives |
+//! | [`solve`] | coarse, then fine; what blocks when there is no solution |
+//! | [`trajectory`] | the result as functions of time |
+//! | [`tasks`] | the problems that walking needs: gait, rebalance, step-in, change of speed, stop |
 //!
 //! RT: no.
 
 pub mod collocation;
 pub mod nlp;
 pub mod problem;
+pub mod solve;
+pub mod tasks;
+pub mod trajectory;
+
+#[cfg(test)]
+mod tests;

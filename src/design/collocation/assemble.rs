@@ -11,7 +11,7 @@ use super::layout::Stage;
 use super::point::{Point, ROWS, point};
 use super::program::{Program, Row};
 use super::terminal::conditions;
-use super::values::{Values, knot_number, midpoint};
+use super::values::{Values, arrives, knot_number, midpoint, orbit_posture};
 use crate::base::jet::Jet;
 use crate::base::scalar::Scalar;
 use crate::design::nlp::bordered::CARRY;
@@ -100,7 +100,7 @@ impl Program {
             }
             before = Some(here);
         }
-        self.border_terms();
+        self.border_terms(w, lambda);
     }
 
     fn evaluate(&self, phase: usize, x: [f64; 5]) -> Evaluated {
@@ -229,8 +229,8 @@ impl Program {
     fn clearance(&mut self, s: usize, w: &[f64], here: &Evaluated, y: &[f64]) {
         let stage = self.layout.stages[s].clone();
         let (true, Some(clearance)) = (stage.clear, self.problem.limits.clearance) else { return };
-        let intervals = Values { problem: &self.problem, layout: &self.layout, params: &self.params }
-            .intervals(stage.phase);
+        let intervals =
+            Values { problem: &self.problem, layout: &self.layout, params: &self.params }.intervals(stage.phase);
         let [q0, q1, T] = Jet3::point(&[here.x[0], here.x[1], w[self.layout.durations + stage.phase]]);
         let t = T * (knot_number(&stage) / intervals);
         let margin = clearance.margin([q0, q1], t, T, self.problem.robot.leg_length_m);
@@ -255,18 +255,18 @@ impl Program {
         let (limits, l) = (self.problem.limits, self.problem.robot.leg_length_m);
         let end = self.problem.phases[stage.phase].end;
         let ends = conditions(&end, &self.values_of(stage.phase).lift(), &limits, l, &x);
-        let mut equations: Vec<Jet4> = ends.equations.into_iter().map(|(_, jet)| jet).collect();
-        let arrival = stage.phase + 1 == self.problem.phases.len() && self.problem.finish != Finish::Free;
-        if arrival {
-            equations.extend(self.impact(stage.phase, &here.x));
-        }
+        let arrival = arrives(&self.problem, stage.phase);
+        let equations: Vec<Jet4> = if arrival {
+            self.impact(stage.phase, &here.x).to_vec()
+        } else {
+            ends.equations.into_iter().map(|(_, jet)| jet).collect()
+        };
         let (m, nb, first) = (self.hessian.blocks[s].m, self.hessian.border, stage.nv + 4);
         for (i, jet) in equations.iter().enumerate() {
             let row = (first + i) * m + stage.xo;
             self.hessian.blocks[s].a[row..row + 4].copy_from_slice(&jet.d);
         }
         if arrival && self.problem.finish == Finish::Periodic {
-            let first = first + equations.len() - 4;
             for i in 0..4 {
                 self.hessian.blocks[s].b[(first + i) * nb + self.layout.phases() + i] = -1.0;
             }
@@ -282,12 +282,20 @@ impl Program {
         self.add_state_hessian(s, &full::<4, 10>(weighted(&terms).1));
     }
 
-    fn border_terms(&mut self) {
+    fn border_terms(&mut self, w: &[f64], lambda: &[f64]) {
         let (nb, phases) = (self.hessian.border, self.layout.phases());
-        if self.layout.border_e == 1 {
-            for p in 0..phases {
-                self.hessian.corner[self.layout.border_w * nb + p] = 1.0;
+        let nw = self.layout.border_w;
+        if let Some(orbit) = self.layout.orbit {
+            let e = self.layout.border_equations();
+            let posture = orbit_posture(&self.problem, &Jet::<2, 3>::point(&[w[orbit], w[orbit + 1]]));
+            let h = full::<2, 3>(weighted(&[(lambda[e], &posture[0]), (lambda[e + 1], &posture[1])]).1);
+            for i in 0..2 {
+                self.hessian.corner[(nw + i) * nb + phases..][..2].copy_from_slice(&posture[i].d);
+                (0..=i).for_each(|j| self.hessian.corner[(phases + i) * nb + phases + j] += h[i][j]);
             }
+        }
+        if self.problem.total_time_s.is_some() {
+            self.hessian.corner[(nb - 1) * nb..][..phases].fill(1.0);
         }
         let first = self.layout.duration_rows();
         for p in 0..phases {

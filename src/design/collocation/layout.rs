@@ -146,10 +146,10 @@ impl Layout {
         // Any state will do: what holds does not depend on it.
         let probe = [-0.2, 0.2, -0.8, -0.5];
         let ends = conditions(&phase.end, &params, &problem.limits, problem.robot.leg_length_m, &probe);
-        for (quantity, _) in ends.equations {
-            self.equations.push(Name { quantity, ..at });
-        }
-        if p + 1 == problem.phases.len() && problem.finish != Finish::Free {
+        let arrives = p + 1 == problem.phases.len() && problem.finish != Finish::Free;
+        if !arrives {
+            ends.equations.iter().for_each(|(quantity, _)| self.equations.push(Name { quantity: *quantity, ..at }));
+        } else {
             (0..4).for_each(|i| self.equations.push(Name { quantity: Quantity::Arrival(i), ..at }));
         }
         for (quantity, _, low, high) in ends.bounds {
@@ -169,11 +169,17 @@ impl Layout {
             let [low, high] = phase.duration_s;
             self.bound(Name { quantity: Quantity::Duration, phase: p, place: 1.0 }, low, high);
         }
-        if problem.total_time_s.is_some() {
-            self.border_e = 1;
-            let phase = problem.phases.len() - 1;
-            self.equations.push(Name { quantity: Quantity::TotalTime, phase, place: 1.0 });
+        let first = self.equations.len();
+        let at = |quantity| Name { quantity, phase: problem.phases.len() - 1, place: 1.0 };
+        if problem.finish == Finish::Periodic {
+            // With the orbit's state held, as it is while the chain is eliminated, arrival fixes the last posture
+            // already. So the place of the last touchdown is asked of the orbit's state, which has the same posture.
+            self.equations.extend([at(Quantity::TouchdownHeight), at(Quantity::StepLength)]);
         }
+        if problem.total_time_s.is_some() {
+            self.equations.push(at(Quantity::TotalTime));
+        }
+        self.border_e = self.equations.len() - first;
         self.m = self.equations.len();
     }
 
@@ -186,6 +192,11 @@ impl Layout {
     /// First bound of the durations.
     pub(super) fn duration_rows(&self) -> usize {
         self.bounds.len() - self.phases()
+    }
+
+    /// First equation of the border: the orbit's posture, then the total time.
+    pub(super) const fn border_equations(&self) -> usize {
+        self.m - self.border_e
     }
 
     pub(super) fn phases(&self) -> usize {

@@ -26,6 +26,5 @@ mod values;
 pub use guess::guess;
 pub use program::Program;
 
-
 #[cfg(test)]
 mod tests;

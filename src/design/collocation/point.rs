@@ -1,12 +1,12 @@
 //! What is evaluated at every knot and midpoint: accelerations, bounded quantities, cost rate. RT: no.
 
+use crate::base::linalg::{dot, solve2};
 use crate::base::scalar::Scalar;
 use crate::design::problem::{Cost, Limits};
 use crate::model::compass_gait::dynamics::{bias_at, friction, mass_matrix_at};
 use crate::model::compass_gait::floating::{centripetal, momentum_rows};
 use crate::model::compass_gait::kinematics::Trig;
 use crate::model::compass_gait::params::Normalised;
-use crate::base::linalg::{dot, solve2};
 
 /// Bounded quantities at a point: motor torque, μFy - Fx, μFy + Fx, Fy.
 pub(super) const ROWS: usize = 4;

@@ -6,7 +6,7 @@ use super::rows::{Name, Quantity};
 use super::values::Values;
 use crate::design::nlp::bordered::{Block, Bordered, BorderedFactor, CARRY};
 use crate::design::nlp::{Nlp, Size};
-use crate::design::problem::Problem;
+use crate::design::problem::{Problem, State};
 use crate::model::compass_gait::params::Normalised;
 
 /// Gradient of a bound: by the unknowns of its stage, those carried from the stage before, and its phase's duration.
@@ -81,6 +81,47 @@ impl Program {
         &self.problem
     }
 
+    /// Durations of the phases in the unknowns `w`, s.
+    #[must_use]
+    pub fn durations<'w>(&self, w: &'w [f64]) -> &'w [f64] {
+        &w[self.layout.durations..self.layout.durations + self.layout.phases()]
+    }
+
+    /// States and torques at the knots of a phase.
+    #[must_use]
+    pub fn knots(&self, phase: usize, w: &[f64]) -> Vec<[f64; 5]> {
+        self.layout.stages.iter().filter(|stage| stage.phase == phase).map(|stage| stage.state(w)).collect()
+    }
+
+    /// Torques at the midpoints of a phase.
+    #[must_use]
+    pub fn mid_torques(&self, phase: usize, w: &[f64]) -> Vec<f64> {
+        let later = self.layout.stages.iter().filter(|stage| stage.phase == phase && stage.knot > 0);
+        later.map(|stage| stage.mid_torque(w)).collect()
+    }
+
+    /// Unknowns from functions: state, torque and duration at a share (0 to 1) of a phase.
+    pub fn unknowns(&self, at: impl Fn(usize, f64) -> (State, f64, f64)) -> Vec<f64> {
+        let mut w = vec![0.0; self.layout.n];
+        for stage in &self.layout.stages {
+            #[expect(clippy::cast_precision_loss, reason = "a few hundred knots")]
+            let share = |k: f64| (stage.knot as f64 + k) / (self.problem.phases[stage.phase].knots - 1) as f64;
+            let (x, torque, duration) = at(stage.phase, share(0.0));
+            let own = &mut w[stage.w0..stage.w0 + stage.nv];
+            own[stage.xo..stage.xo + 4].copy_from_slice(&x);
+            own[stage.xo + 4] = torque;
+            if stage.knot > 0 {
+                own[0] = at(stage.phase, share(-0.5)).1;
+            }
+            w[self.layout.durations + stage.phase] = duration;
+        }
+        if let Some(orbit) = self.layout.orbit {
+            let first = at(0, 0.0).0;
+            w[orbit..orbit + 4].copy_from_slice(&first);
+        }
+        w
+    }
+
     pub(super) fn values_of(&self, phase: usize) -> &Normalised<f64> {
         &self.params[phase]
     }
@@ -136,6 +177,12 @@ impl Program {
         }
     }
 
+    /// Jacobian rows of the border's equations by the border's unknowns.
+    fn border_rows(&self) -> impl Iterator<Item = &[f64]> {
+        let (nb, nw) = (self.hessian.border, self.layout.border_w);
+        (nw..nb).map(move |i| &self.hessian.corner[i * nb..i * nb + nw])
+    }
+
     fn add_diagonal(&mut self, shift: f64, soft: &[f64]) {
         for (stage, block) in self.layout.stages.iter().zip(&mut self.system.blocks) {
             let m = block.m;
@@ -165,8 +212,7 @@ impl Program {
         let mut at = 0;
         for stage in &self.layout.stages {
             self.packed[at..at + stage.nv].copy_from_slice(&dw[stage.w0..stage.w0 + stage.nv]);
-            self.packed[at + stage.nv..at + stage.nv + stage.ne]
-                .copy_from_slice(&dl[stage.e0..stage.e0 + stage.ne]);
+            self.packed[at + stage.nv..at + stage.nv + stage.ne].copy_from_slice(&dl[stage.e0..stage.e0 + stage.ne]);
             at += stage.nv + stage.ne;
         }
         let (nw, ne) = (self.layout.border_w, self.layout.border_e);
@@ -178,8 +224,7 @@ impl Program {
         let mut at = 0;
         for stage in &self.layout.stages {
             dw[stage.w0..stage.w0 + stage.nv].copy_from_slice(&self.packed[at..at + stage.nv]);
-            dl[stage.e0..stage.e0 + stage.ne]
-                .copy_from_slice(&self.packed[at + stage.nv..at + stage.nv + stage.ne]);
+            dl[stage.e0..stage.e0 + stage.ne].copy_from_slice(&self.packed[at + stage.nv..at + stage.nv + stage.ne]);
             at += stage.nv + stage.ne;
         }
         let (nw, ne) = (self.layout.border_w, self.layout.border_e);
@@ -197,8 +242,14 @@ impl Nlp for Program {
         (&self.layout.low, &self.layout.high)
     }
 
-    fn may_soften(&self, equation: usize) -> bool {
-        !matches!(self.layout.equations[equation].quantity, Quantity::Dynamics | Quantity::Start(_))
+    /// All of them: with hard equations of motion the softened program can stall as the first one did, far from any
+    /// motion. At equal prices the end or a limit gives way first, for one broken equation of motion saves little.
+    fn may_soften(&self, _equation: usize) -> bool {
+        true
+    }
+
+    fn may_soften_bound(&self, bound: usize) -> bool {
+        self.layout.bounds[bound].quantity != Quantity::Duration
     }
 
     fn values(&mut self, w: &[f64], c: &mut [f64], g: &mut [f64]) -> f64 {
@@ -244,9 +295,9 @@ impl Nlp for Program {
         let first = self.layout.duration_rows();
         for p in 0..self.layout.phases() {
             out[self.layout.durations + p] += y[first + p];
-            if self.layout.border_e == 1 {
-                out[self.layout.durations + p] += lambda[self.layout.m - 1];
-            }
+        }
+        for (row, l) in self.border_rows().zip(&lambda[self.layout.border_equations()..]) {
+            row.iter().zip(&mut out[self.layout.durations..]).for_each(|(d, out)| *out += l * d);
         }
     }
 
@@ -274,8 +325,8 @@ impl Nlp for Program {
         }
         let first = self.layout.duration_rows();
         dg[first..first + self.layout.phases()].copy_from_slice(&border[..self.layout.phases()]);
-        if self.layout.border_e == 1 {
-            dc[self.layout.m - 1] = border[..self.layout.phases()].iter().sum();
+        for (row, c) in self.border_rows().zip(&mut dc[self.layout.border_equations()..]) {
+            *c = sum(row, border);
         }
     }
 

@@ -3,7 +3,7 @@
 #![expect(non_snake_case, reason = "thesis symbols")]
 
 use super::rows::Quantity;
-use crate::base::linalg::{solve2};
+use crate::base::linalg::solve2;
 use crate::base::scalar::Scalar;
 use crate::design::problem::{End, Landing, Limits};
 use crate::model::compass_gait::dynamics::{gravity, mass_matrix};
@@ -11,6 +11,10 @@ use crate::model::compass_gait::floating::momentum_rows;
 use crate::model::compass_gait::impact::{Ground, contact_rows, touchdown};
 use crate::model::compass_gait::kinematics::{Trig, swing_toe, swing_toe_velocity};
 use crate::model::compass_gait::params::Normalised;
+
+/// A landing without any impulse is at the apex of all cones at once, where no gradient tells them apart; this much
+/// (0.016 Ns, 0.016 N) keeps it inside.
+const APEX: f64 = 1e-3;
 
 /// Conditions on a last state.
 #[derive(Clone, Debug, Default)]
@@ -101,7 +105,7 @@ fn resting<S: Scalar>(out: &mut Terminal<S>, p: &Normalised<S>, limits: &Limits,
         (Quantity::StandingCone, weight_old),
     ] {
         let cone = force[1] * limits.friction;
-        out.bounds.push((quantity, cone - force[0], 0.0, f64::INFINITY));
-        out.bounds.push((quantity, cone + force[0], 0.0, f64::INFINITY));
+        out.bounds.push((quantity, cone - force[0], -APEX, f64::INFINITY));
+        out.bounds.push((quantity, cone + force[0], -APEX, f64::INFINITY));
     }
 }

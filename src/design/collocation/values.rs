@@ -3,8 +3,10 @@
 use super::layout::{Layout, Stage};
 use super::point::{Point, ROWS, point};
 use super::terminal::conditions;
-use crate::design::problem::{Finish, Problem, Start};
+use crate::base::scalar::Scalar;
+use crate::design::problem::{End, Finish, Problem, Start};
 use crate::model::compass_gait::impact;
+use crate::model::compass_gait::kinematics::swing_toe;
 use crate::model::compass_gait::params::Normalised;
 
 /// State derivative at a point.
@@ -114,8 +116,7 @@ impl Values<'_> {
         if let (true, Some(clearance)) = (stage.clear, self.problem.limits.clearance) {
             let duration = w[self.layout.durations + stage.phase];
             let t = self.step_s(stage.phase, w) * knot_number(stage);
-            g[stage.clearance_row()] =
-                clearance.margin([x[0], x[1]], t, duration, self.problem.robot.leg_length_m);
+            g[stage.clearance_row()] = clearance.margin([x[0], x[1]], t, duration, self.problem.robot.leg_length_m);
         }
     }
 
@@ -123,19 +124,15 @@ impl Values<'_> {
         let phase = &self.problem.phases[stage.phase];
         let (limits, l) = (&self.problem.limits, self.problem.robot.leg_length_m);
         let ends = conditions(&phase.end, &self.params[stage.phase], limits, l, &[x[0], x[1], x[2], x[3]]);
-        let e = stage.end_equations();
-        for (i, (_, value)) in ends.equations.iter().enumerate() {
-            c[e + i] = *value;
-        }
         for (i, (_, value, ..)) in ends.bounds.iter().enumerate() {
             g[stage.end_rows() + i] = *value;
         }
-        if stage.phase + 1 == self.problem.phases.len() && self.problem.finish != Finish::Free {
+        let e = stage.end_equations();
+        if arrives(self.problem, stage.phase) {
             let to = self.impact(stage.phase, x);
-            let e = e + ends.equations.len();
-            for i in 0..4 {
-                c[e + i] = to[i] - self.arrival(w, i);
-            }
+            (0..4).for_each(|i| c[e + i] = to[i] - self.arrival(w, i));
+        } else {
+            ends.equations.iter().enumerate().for_each(|(i, (_, value))| c[e + i] = *value);
         }
     }
 
@@ -153,6 +150,11 @@ impl Values<'_> {
         let durations = &w[self.layout.durations..self.layout.durations + phases];
         let first = self.layout.duration_rows();
         g[first..first + phases].copy_from_slice(durations);
+        if let Some(orbit) = self.layout.orbit {
+            let e = self.layout.border_equations();
+            let posture = orbit_posture(self.problem, &[w[orbit], w[orbit + 1]]);
+            c[e..e + 2].copy_from_slice(&posture);
+        }
         if let Some(total) = self.problem.total_time_s {
             c[self.layout.m - 1] = durations.iter().sum::<f64>() - total;
         }
@@ -162,4 +164,20 @@ impl Values<'_> {
 #[expect(clippy::cast_precision_loss, reason = "a few hundred knots")]
 pub(super) const fn knot_number(stage: &Stage) -> f64 {
     stage.knot as f64
+}
+
+/// The last phase's impact has to lead somewhere.
+pub(super) fn arrives(problem: &Problem, phase: usize) -> bool {
+    phase + 1 == problem.phases.len() && problem.finish != Finish::Free
+}
+
+/// Equations on the posture of a periodic motion's first state: height and length of the step that leads there.
+pub(super) fn orbit_posture<S: Scalar>(problem: &Problem, q: &[S; 2]) -> [S; 2] {
+    let l = problem.robot.leg_length_m;
+    let (floor, step) = match problem.phases.last().map(|phase| phase.end) {
+        Some(End::Touchdown(landing) | End::Rest(landing)) => (landing.floor_m / l, landing.step_m[0] / l),
+        _ => (0.0, 0.0),
+    };
+    let toe = swing_toe([q[1], q[0]]);
+    [toe[1] - floor, toe[0] - step]
 }

@@ -26,10 +26,13 @@ pub struct Options {
 impl Options {
     /// From a rough guess.
     pub const COLD: Self = Self { tolerance: 1e-8, iterations: 200, barrier: 0.1, cost_scale: 1.0, price: None };
+    /// From a rough guess, where giving up soon costs little: the softened program follows.
+    pub const QUICK: Self = Self { iterations: 60, ..Self::COLD };
     /// From the solution of a coarser program.
     pub const SEEDED: Self = Self { barrier: 1e-4, ..Self::COLD };
     /// Which rows cannot be met? The price is a thousand times the cost's weight, above every multiplier of interest.
-    pub const ELASTIC: Self = Self { cost_scale: 1e-3, price: Some(1.0), tolerance: 1e-6, iterations: 120, ..Self::COLD };
+    pub const ELASTIC: Self =
+        Self { cost_scale: 1e-3, price: Some(1.0), tolerance: 1e-6, iterations: 120, ..Self::COLD };
 }
 
 /// How it ended.
@@ -294,5 +297,9 @@ fn shortest_share(theta: f64, slope: f64, theta_min: f64) -> f64 {
         return 1e-5;
     }
     let by_merit = 1e-8 * theta / -slope;
-    if theta <= theta_min { 1e-5_f64.min(by_merit).min(theta.powf(1.1) / (-slope).powf(2.3)).max(1e-12) } else { 1e-5_f64.min(by_merit).max(1e-10) }
+    if theta <= theta_min {
+        1e-5_f64.min(by_merit).min(theta.powf(1.1) / (-slope).powf(2.3)).max(1e-12)
+    } else {
+        1e-5_f64.min(by_merit).max(1e-10)
+    }
 }

@@ -36,6 +36,8 @@ pub trait Nlp {
     fn bounds(&self) -> (&[f64], &[f64]);
     /// Equations that may be softened when one asks which of them cannot be met.
     fn may_soften(&self, equation: usize) -> bool;
+    /// The same of bounds.
+    fn may_soften_bound(&self, bound: usize) -> bool;
     /// Cost, equations and inequalities at `w`.
     fn values(&mut self, w: &[f64], c: &mut [f64], g: &mut [f64]) -> f64;
     /// Derivatives at `w`: gradients, Jacobians and the Hessian of `scale f + λᵀc + yᵀg`.

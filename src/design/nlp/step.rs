@@ -98,7 +98,8 @@ impl State {
         let zu = (0..p).map(|i| if high[i].is_finite() { mu / (high[i] - s[i]) } else { 0.0 }).collect();
         let soft = price.map_or_else(Vec::new, |price| {
             let equations = (0..m).map(|i| Soft::split(nlp.may_soften(i), c[i], price, mu));
-            let rows = (0..p).map(|i| Soft::split(bounded(low[i], high[i]), g[i] - s[i], price, mu));
+            let rows = (0..p)
+                .map(|i| Soft::split(bounded(low[i], high[i]) && nlp.may_soften_bound(i), g[i] - s[i], price, mu));
             equations.chain(rows).collect()
         });
         Self { w, lambda: vec![0.0; m], y: vec![0.0; p], s, low, high, zl, zu, soft, price: price.unwrap_or(0.0) }
@@ -109,9 +110,7 @@ impl State {
         let broken = |i: usize| self.soft.get(i).map_or(0.0, Soft::broken);
         Residual {
             c: c.iter().enumerate().map(|(i, c)| c - broken(i)).collect(),
-            g: (0..g.len())
-                .map(|i| if self.is_bounded(i) { g[i] - self.s[i] - broken(m + i) } else { 0.0 })
-                .collect(),
+            g: (0..g.len()).map(|i| if self.is_bounded(i) { g[i] - self.s[i] - broken(m + i) } else { 0.0 }).collect(),
         }
     }
 
