@@ -3,6 +3,7 @@
 //! RT: all of it, but `riccati` (before arming only) and `spectrum` (no).
 
 pub mod bytes;
+pub mod can_time;
 pub mod jet;
 pub mod linalg;
 pub mod listening;

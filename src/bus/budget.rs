@@ -4,11 +4,10 @@
 //! other phases; set-up frames keep out of phase 0; our heartbeat goes out in the last phase.
 #![expect(clippy::disallowed_types, reason = "before arming")]
 
-use super::frame::{wire_time_ns, worst_bits};
 use super::line::LineError;
 use super::line::Slot;
-use super::pdo;
-use crate::config::checked::{DriveConfig, DriveMode, Robot};
+use crate::base::can_time::{BitRates, FrameKind};
+use crate::config::checked::{BusConfig, DriveConfig, DriveProtocol, Robot};
 use crate::msg::DRIVES;
 
 /// The timetable of one bus.
@@ -16,6 +15,8 @@ use crate::msg::DRIVES;
 pub struct Plan {
     /// SYNCs per round.
     pub round: u32,
+    /// Some drive is CANopen: SYNC, heartbeats, emergencies.
+    canopen: bool,
     slots: [Option<Slot>; DRIVES],
 }
 
@@ -45,7 +46,8 @@ impl Plan {
                 *slot = Some(Slot { divisor, command, start });
             }
         }
-        Ok(Self { round: u32::from(largest), slots })
+        let canopen = on_bus().any(|(_, d)| d.is_canopen());
+        Ok(Self { round: u32::from(largest), canopen, slots })
     }
 
     /// When the drive with this index is served, if it is on this bus.
@@ -54,55 +56,58 @@ impl Plan {
     }
 
     /// Worst case of each phase of the round: every frame that may fall into it, all with the most stuffing.
-    /// SYNC, commands and answers of the phase, our heartbeat or a set-up exchange, all drives' heartbeats, an emergency.
+    /// Commands and answers of the phase, a set-up exchange, all drives' heartbeats; with CANopen drives SYNC, our
+    /// heartbeat and an emergency. An ODrive answers once a millisecond by its own clock: in every phase.
     #[must_use]
     pub fn worst_case_us(&self, robot: &Robot, bus: usize) -> Vec<f64> {
-        let bitrate = robot.buses.get(bus).map_or(1_000_000, |b| b.bitrate);
-        (0..self.round).map(|phase| self.worst_phase_ns(robot, bitrate, phase) * 1e-3).collect()
+        let rates = robot.buses.get(bus).map_or(BitRates { nominal: 1_000_000, data: None }, BusConfig::rates);
+        (0..self.round).map(|phase| self.worst_phase_ns(robot, rates, phase) * 1e-3).collect()
     }
 
     #[expect(clippy::cast_precision_loss, reason = "nanoseconds of one cycle")]
-    fn worst_phase_ns(&self, robot: &Robot, bitrate: u32, phase: u32) -> f64 {
-        let time = |len: u8| wire_time_ns(worst_bits(len, false), bitrate) as f64;
-        let (sync, heartbeat, emergency, set_up) = (time(0), time(1), time(8), 2.0 * time(8));
-        let mut sum = sync + emergency;
+    fn worst_phase_ns(&self, robot: &Robot, rates: BitRates, phase: u32) -> f64 {
+        let time = |kind: FrameKind| kind.worst().time_ns(rates) as f64;
+        let eight = FrameKind::classic(8);
+        let mut sum = 0.0;
+        // A question of the set-up and its answer; every protocol has them of this length or shorter.
         if self.round == 1 || phase != 0 {
-            sum += set_up;
+            sum += 2.0 * time(eight);
         }
-        if phase + 1 == self.round {
-            sum += heartbeat;
+        if self.canopen {
+            // SYNC and an emergency.
+            sum += time(FrameKind::classic(0)) + time(eight);
+            if phase + 1 == self.round {
+                sum += time(FrameKind::classic(1));
+            }
         }
         for (slot, config) in self.slots.iter().zip(&robot.drives) {
             let Some(slot) = slot else { continue };
-            let (command, answer) = lengths(config);
-            sum += heartbeat;
-            if phase % slot.divisor == slot.command {
-                sum += time(command);
+            let traffic = config.traffic();
+            sum += traffic.heartbeat.map_or(0.0, time);
+            let commanded = phase % slot.divisor == slot.command;
+            if commanded {
+                sum += time(traffic.command);
             }
-            if phase.is_multiple_of(slot.divisor) {
-                sum += time(answer);
+            let answers = match config.protocol {
+                DriveProtocol::Cia402(_) => phase.is_multiple_of(slot.divisor),
+                DriveProtocol::Odrive(_) => true,
+                DriveProtocol::Mit(_) | DriveProtocol::Moteus(_) => commanded,
+            };
+            if answers {
+                sum += f64::from(traffic.answers) * time(traffic.answer);
             }
         }
         sum
     }
 }
 
-/// Bytes of command and answer.
-fn lengths(config: &DriveConfig) -> (u8, u8) {
-    match config.mode {
-        DriveMode::CyclicTorque => (pdo::mapped_bytes(pdo::TORQUE_COMMAND), pdo::mapped_bytes(pdo::TORQUE_ANSWER)),
-        DriveMode::CyclicPosition => {
-            (pdo::mapped_bytes(pdo::POSITION_COMMAND), pdo::mapped_bytes(pdo::POSITION_ANSWER))
-        }
-    }
-}
-
 fn check_nodes(robot: &Robot, bus: usize) -> Result<(), LineError> {
     for (drive, config) in robot.drives.iter().enumerate().filter(|(_, d)| d.bus == bus) {
-        if !(1..=126).contains(&config.node) {
+        if config.is_canopen() && !(1..=126).contains(&config.node) {
             return Err(LineError::Node { drive, node: config.node });
         }
-        if robot.drives.iter().take(drive).any(|d| d.bus == bus && d.node == config.node) {
+        let alike = |d: &DriveConfig| std::mem::discriminant(&d.protocol) == std::mem::discriminant(&config.protocol);
+        if robot.drives.iter().take(drive).any(|d| d.bus == bus && d.node == config.node && alike(d)) {
             return Err(LineError::Twice { bus, node: config.node });
         }
     }

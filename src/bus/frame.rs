@@ -1,8 +1,9 @@
-//! How long a classic CAN frame occupies the wire, in bits. RT: yes.
+//! How long a very frame of CAN or CAN-FD occupies the wire, in bits. RT: yes. The longest by length: `base::can_time`.
 //!
 //! Layout (ISO 11898-1): start, identifier, control and data and a 15-bit CRC are stuffed (after five equal bits one
 //! of the other kind is put in); delimiters, acknowledge, end of frame and 3 bits of interframe space are not.
 
+use crate::base::can_time::{BitRates, Bits, FD_TAIL_BITS, fd_crc_bits, fd_head_bits};
 use crate::msg::CanFrame;
 
 /// Bits after the stuffed part: CRC delimiter, acknowledge slot and delimiter, end of frame (7), interframe space (3).
@@ -48,6 +49,56 @@ pub fn exact_bits(frame: &CanFrame) -> u32 {
     let crc = counter.crc;
     counter.push(u32::from(crc), 15);
     counter.bits + TAIL_BITS
+}
+
+/// Nanoseconds that this very frame takes.
+#[must_use]
+pub fn exact_time_ns(frame: &CanFrame, rates: BitRates) -> i64 {
+    let bits = if frame.is_fd() { exact_fd_bits(frame) } else { Bits { nominal: exact_bits(frame), data: 0 } };
+    bits.time_ns(rates)
+}
+
+/// Bits of a CAN-FD frame at each rate. Stuffing by the data ends with them; behind it stuff bits are fixed.
+fn exact_fd_bits(frame: &CanFrame) -> Bits {
+    let mut counter = StuffCounter::default();
+    let extended = frame.id & CanFrame::EXTENDED != 0;
+    counter.push(0, 1);
+    if extended {
+        counter.push((frame.id >> 18) & 0x7FF, 11);
+        counter.push(0b11, 2);
+        counter.push(frame.id & 0x3_FFFF, 18);
+        // Remote request substitution 0, FD 1, reserved 0, bit-rate switch.
+        counter.push(0b0100 | u32::from(frame.flags & CanFrame::BIT_RATE_SWITCH), 4);
+    } else {
+        counter.push(frame.id & 0x7FF, 11);
+        // Remote request substitution 0, identifier extension 0, FD 1, reserved 0, bit-rate switch.
+        counter.push(0b00100 | u32::from(frame.flags & CanFrame::BIT_RATE_SWITCH), 5);
+    }
+    debug_assert!(counter.bits >= fd_head_bits(extended));
+    let head = counter.bits;
+    counter.push(length_code(frame.len), 5);
+    for byte in frame.payload() {
+        counter.push(u32::from(*byte), 8);
+    }
+    let data = counter.bits - head + fd_crc_bits(frame.len);
+    let nominal = head + FD_TAIL_BITS;
+    // Without the switch everything goes at the nominal rate.
+    if frame.flags & CanFrame::BIT_RATE_SWITCH != 0 {
+        Bits { nominal, data }
+    } else {
+        Bits { nominal: nominal + data, data: 0 }
+    }
+}
+
+/// Data length code, with the error state indicator before it as 0.
+fn length_code(len: u8) -> u32 {
+    match len {
+        0..=8 => u32::from(len),
+        9..=24 => 9 + (u32::from(len) - 9) / 4,
+        25..=32 => 13,
+        33..=48 => 14,
+        _ => 15,
+    }
 }
 
 /// Nanoseconds that so many bits take.
@@ -104,6 +155,7 @@ impl StuffCounter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::can_time::FrameKind;
     use proptest::prelude::*;
 
     #[test]
@@ -116,6 +168,11 @@ mod tests {
             assert_eq!((plain_bits(len, false), worst_bits(len, false)), base[i]);
             assert_eq!((plain_bits(len, true), worst_bits(len, true)), extended[i]);
         }
+    }
+
+    #[test]
+    fn length_codes_of_fd_are_those_of_the_standard() {
+        assert_eq!([0, 8, 12, 16, 20, 24, 32, 48, 64].map(length_code), [0, 8, 9, 10, 11, 12, 13, 14, 15]);
     }
 
     #[test]
@@ -132,6 +189,17 @@ mod tests {
             let bits = exact_bits(&frame);
             prop_assert!(bits >= plain_bits(frame.len, extended));
             prop_assert!(bits <= worst_bits(frame.len, extended));
+        }
+
+        #[test]
+        fn exact_fd_length_is_at_most_the_worst(id in 0u32..0x2000_0000, extended: bool, payload in prop::collection::vec(any::<u8>(), 0..=64)) {
+            let id = if extended { id | CanFrame::EXTENDED } else { id & 0x7FF };
+            let frame = CanFrame::fd(id, &payload, 0x50);
+            let worst = FrameKind { bytes: frame.len, extended, fd: true }.worst();
+            let exact = exact_fd_bits(&frame);
+            // Which side of the switch a stuff bit falls on may differ by one.
+            prop_assert!(exact.nominal + exact.data <= worst.nominal + worst.data + 1, "{:?} {:?}", exact, worst);
+            prop_assert!(exact.nominal >= fd_head_bits(extended) + FD_TAIL_BITS);
         }
     }
 

@@ -5,6 +5,7 @@
 //! | `frame` | how long a frame takes on the wire, exact and worst case |
 //! | [`canopen`], [`sdo`], [`pdo`] | CiA 301 as pure parse and emit |
 //! | [`cia402`] | the drive profile's state machine, both ends of it |
+//! | [`mit`], [`odrive`], [`moteus`] | other drives' frames, both ends of them |
 //! | [`budget`] | who may use the bus when, and whether it all fits |
 //! | [`mod@line`] | the master of one bus |
 //! | [`socketcan`] | the real wire |
@@ -33,6 +34,9 @@ pub mod frame;
 pub mod line;
 mod link;
 pub mod loopback;
+pub mod mit;
+pub mod moteus;
+pub mod odrive;
 pub mod pdo;
 pub mod sdo;
 pub mod socketcan;

@@ -1,5 +1,7 @@
 //! Configuration after all checks: domains hold, names resolve, nothing is missing. RT: read only.
 
+pub use super::drives::{Cia402, Claim, DriveProtocol, Mit, MitDialect, Moteus, Odrive, OdriveFirmware, Traffic};
+use crate::base::can_time::BitRates;
 use crate::base::time::Span;
 use crate::msg::{BUSES, DRIVES, TOES};
 
@@ -143,17 +145,10 @@ pub struct Toe {
 /// Protocol mode of a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DriveMode {
-    /// CiA 402 cyclic synchronous torque (10).
+    /// Torque: CiA 402 cyclic synchronous (10) or profile torque (4), or the like.
     CyclicTorque,
-    /// CiA 402 cyclic synchronous position (8).
+    /// Position: CiA 402 cyclic synchronous (8), or the like.
     CyclicPosition,
-}
-
-/// What a drive speaks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DriveProtocol {
-    /// CANopen with the drive profile CiA 402.
-    Cia402,
 }
 
 /// One drive.
@@ -163,19 +158,21 @@ pub struct DriveConfig {
     pub protocol: DriveProtocol,
     /// Index of its bus.
     pub bus: usize,
-    /// CANopen node, 1 to 127.
+    /// Its number on the bus: CANopen node 1 to 126, MIT motor id, ODrive node 0 to 62, moteus id.
     pub node: u8,
     /// What it follows.
     pub mode: DriveMode,
-    /// Rated motor torque, Nm (drive object 0x6076).
+    /// Rated torque, Nm, at the shaft that the drive's torque is of (CiA 402: object 0x6076).
     pub rated_torque_nm: f64,
     /// Torque limit, 1/1000 of rated (0x6072).
     pub max_torque_permille: u16,
-    /// PDOs every n-th SYNC (1 = each).
+    /// Served every n-th cycle (1 = each): PDOs at every n-th SYNC, or commands to others.
     pub sync_divisor: u8,
-    /// Heartbeat that the drive sends.
+    /// The drive says something at least so often: its heartbeat, or its answers to our commands. Silent for three
+    /// times that, it is lost.
     pub heartbeat: Span,
-    /// The drive stops its motor when it has not heard us for so long.
+    /// The drive stops its motor when it has not heard us for so long. Written into CiA 402 and moteus drives; of MIT
+    /// and ODrive drives what is set in the drive.
     pub watchdog: Span,
 }
 
@@ -195,8 +192,18 @@ pub struct BusConfig {
     pub backend: BusBackend,
     /// Bit rate, bit/s: for the time model and to check the link.
     pub bitrate: u32,
+    /// Bit rate of the data of CAN-FD frames, bit/s; `None` on a classic bus.
+    pub data_bitrate: Option<u32>,
     /// A bus on which none of our frames comes back is noticed to be stalled within this time.
     pub echo_timeout: Span,
+}
+
+impl BusConfig {
+    /// Both bit rates.
+    #[must_use]
+    pub const fn rates(&self) -> BitRates {
+        BitRates { nominal: self.bitrate, data: self.data_bitrate }
+    }
 }
 
 /// Which message the IMU streams.

@@ -1,8 +1,12 @@
 //! Checks across keys: can this robot exist, can these buses carry it? RT: before arming only.
 
-use super::checked::{BusBackend, Config, DriveConfig, DriveMode, Model, Operator, Robot, SerialBackend};
+use super::checked::{
+    BusBackend, Config, DriveConfig, DriveMode, DriveProtocol, Model, Operator, Robot, SerialBackend,
+};
 use super::problem::Problem;
 use super::reader::Log;
+use crate::base::can_time::{BitRates, FrameKind};
+use crate::base::time::Span;
 use crate::msg::{Drive, Leg};
 
 /// Runs all of them. Only meaningful when every value is in its range.
@@ -11,6 +15,9 @@ pub(super) fn check(config: &Config, log: &Log) {
     masses(&config.robot.model, log);
     nodes(&config.robot, log);
     modes(&config.robot, log);
+    fd_buses(&config.robot, log);
+    mit_ranges(&config.robot, log);
+    toe_springs(config, log);
     hip_torque(&config.robot, log);
     backends(&config.robot, log);
     start_on_ground(config, log);
@@ -89,10 +96,67 @@ fn least_share(moment_squared: f64, inertia: f64) -> f64 {
 fn nodes(robot: &Robot, log: &Log) {
     for (i, a) in robot.drives.iter().enumerate() {
         for (j, b) in robot.drives.iter().enumerate().skip(i + 1) {
-            if a.bus == b.bus && a.node == b.node {
+            if a.bus != b.bus {
+                continue;
+            }
+            let alike = std::mem::discriminant(&a.protocol) == std::mem::discriminant(&b.protocol);
+            if alike && a.node == b.node {
                 let what = format!("drives {i} and {j} are both node {} on bus {}", a.node, a.bus);
                 log.error(problem("robot.drives", what));
+            } else if let Some(id) = common_identifier(a, b) {
+                let what = format!("drives {i} and {j} both use identifier {id:#x} on bus {}", a.bus);
+                log.error(problem("robot.drives", what));
             }
+        }
+    }
+}
+
+/// The first identifier that both drives would use.
+fn common_identifier(a: &DriveConfig, b: &DriveConfig) -> Option<u32> {
+    let (of_a, of_b) = (a.claims(), b.claims());
+    let alike = std::mem::discriminant(&a.protocol) == std::mem::discriminant(&b.protocol);
+    let clash = of_a.iter().flat_map(|x| of_b.iter().map(move |y| (x, y))).find(|(x, y)| {
+        // What is shared, is so among drives of a kind.
+        if alike { x.collides(y) } else { x.ids.start() <= y.ids.end() && y.ids.start() <= x.ids.end() }
+    })?;
+    Some(*clash.0.ids.start().max(clash.1.ids.start()))
+}
+
+/// CAN-FD drives need a CAN-FD bus; on one, drives that know classic frames only would destroy every FD frame.
+fn fd_buses(robot: &Robot, log: &Log) {
+    for (bus, config) in robot.buses.iter().enumerate() {
+        let is_fd = |d: &DriveConfig| matches!(d.protocol, DriveProtocol::Moteus(_));
+        let mut on_bus = robot.drives.iter().filter(|d| d.bus == bus);
+        let (fd, classic) = (on_bus.clone().any(is_fd), on_bus.any(|d| !is_fd(d)));
+        let key = format!("robot.bus{bus}.data_bitrate_bit_s");
+        if fd && config.data_bitrate.is_none() {
+            log.error(problem(&key, "is missing, but a moteus on this bus needs CAN-FD".to_owned()));
+        }
+        if fd && classic {
+            let what =
+                "a classic drive shares the bus with CAN-FD frames: it must tolerate them, or it will break them";
+            log.warn(problem(&key, what.to_owned()));
+        }
+    }
+}
+
+/// Only a CiA 402 drive brings the potentiometer of a toe's spring.
+fn toe_springs(config: &Config, log: &Log) {
+    let toes = config.robot.drives.iter().skip(1);
+    if !config.simulation.on_blocks && toes.into_iter().any(|d| !d.is_canopen()) {
+        let what = "a toe's drive that speaks no CiA 402 brings no potentiometer: touchdown by that toe is not seen";
+        log.warn(problem("robot.drives", what.to_owned()));
+    }
+}
+
+/// The ranges of an MIT drive must hold what it is asked for.
+fn mit_ranges(robot: &Robot, log: &Log) {
+    for (drive, config) in Drive::ALL.iter().zip(&robot.drives) {
+        let DriveProtocol::Mit(mit) = config.protocol else { continue };
+        let most_nm = config.rated_torque_nm * f64::from(config.max_torque_permille) * 1e-3;
+        if most_nm > mit.torque_range_nm {
+            let what = format!("up to {most_nm} Nm, but torque_range_nm is {}", mit.torque_range_nm);
+            log.error(problem(&format!("robot.drives, {}", drive.name()), what));
         }
     }
 }
@@ -149,41 +213,33 @@ pub(super) fn made_up_senses(robot: &Robot, log: &Log) {
     }
 }
 
-/// Longest time of a frame with so many bytes, in bits, stuffing and interframe space included (11-bit identifier).
-const fn worst_bits(bytes: u32) -> u32 {
-    47 + 8 * bytes + (34 + 8 * bytes - 1) / 4
-}
-
-/// Bits per SYNC that a drive needs on average: 8 bytes of feedback; command word and torque, or position.
-fn drive_bits(drive: &DriveConfig) -> f64 {
-    let command = match drive.mode {
-        DriveMode::CyclicTorque => 4,
-        DriveMode::CyclicPosition => 6,
+/// Time that a drive takes of each cycle on average, with the most stuffing, ns.
+#[expect(clippy::cast_precision_loss, reason = "nanoseconds of one cycle")]
+fn drive_ns(drive: &DriveConfig, rates: BitRates, period: Span) -> f64 {
+    let (traffic, served) = (drive.traffic(), 1.0 / f64::from(drive.sync_divisor));
+    let [command, answer] = [traffic.command, traffic.answer].map(|f| f.worst().time_ns(rates) as f64);
+    let answers = match &drive.protocol {
+        // By its own clock.
+        DriveProtocol::Odrive(odrive) => f64::from(traffic.answers) * period.as_s() / odrive.feedback.as_s(),
+        _ => f64::from(traffic.answers) * served,
     };
-    f64::from(worst_bits(8) + worst_bits(command)) / f64::from(drive.sync_divisor)
+    command * served + answer * answers
 }
 
 /// The bus must carry its cyclic traffic, with some room for SDO, heartbeat and EMCY.
+#[expect(clippy::cast_precision_loss, reason = "nanoseconds of one cycle")]
 fn bus_load(config: &Config, bus: usize, log: &Log) {
     const ROOM: f64 = 0.9;
-    let drives = config.robot.drives.iter().filter(|d| d.bus == bus);
-    let bits = f64::from(worst_bits(0)) + drives.map(drive_bits).sum::<f64>();
-    let load = bits / (f64::from(config.robot.buses[bus].bitrate) * config.real_time.period.as_s());
+    let (rates, period) = (config.robot.buses[bus].rates(), config.real_time.period);
+    let drives = || config.robot.drives.iter().filter(|d| d.bus == bus);
+    let sync = if drives().any(DriveConfig::is_canopen) { FrameKind::classic(0).worst().time_ns(rates) } else { 0 };
+    let sum = sync as f64 + drives().map(|drive| drive_ns(drive, rates, period)).sum::<f64>();
+    let load = sum * 1e-9 / period.as_s();
     let key = format!("robot.bus{bus}");
     let what = format!("cyclic frames with worst stuffing take {:.0} % of the bus", load * 100.0);
     if load > 1.0 {
         log.error(problem(&key, what));
     } else if load > ROOM {
         log.warn(problem(&key, what));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn frame_times_are_those_of_the_protocol_notes() {
-        assert_eq!([0, 1, 2, 4, 5, 6, 8].map(worst_bits), [55, 65, 75, 95, 105, 115, 135]);
     }
 }

@@ -11,6 +11,8 @@
 
 pub mod checked;
 mod consistency;
+mod drive;
+mod drives;
 mod model;
 mod problem;
 mod process;

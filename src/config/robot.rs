@@ -1,9 +1,10 @@
 //! Reads `robot`: model, drives, buses, sensors, limits. RT: before arming only.
 
 use super::checked::{
-    BusBackend, BusConfig, DriveConfig, DriveMode, DriveProtocol, Hip, HipElasticity, Imu, ImuMessage, Limits, Model,
-    Operator, Parameter, Robot, SerialBackend, Toe,
+    BusBackend, BusConfig, Hip, HipElasticity, Imu, ImuMessage, Limits, Model, Operator, Parameter, Robot,
+    SerialBackend, Toe,
 };
+use super::drive::drive;
 use super::reader::{Reader, range};
 use std::f64::consts::{PI, TAU};
 
@@ -96,26 +97,11 @@ fn toe(r: &Reader<'_>) -> Toe {
     toe
 }
 
-fn drive(r: &Reader<'_>) -> DriveConfig {
-    const MODES: &[(&str, DriveMode)] = &[("torque", DriveMode::CyclicTorque), ("position", DriveMode::CyclicPosition)];
-    const PROTOCOLS: &[(&str, DriveProtocol)] = &[("cia402", DriveProtocol::Cia402)];
-    DriveConfig {
-        protocol: r.choice("protocol", PROTOCOLS, DriveProtocol::Cia402),
-        bus: r.integer("bus", 0, 1, "1"),
-        node: r.integer("node", 1, 127, "1"),
-        mode: r.choice("mode", MODES, DriveMode::CyclicTorque),
-        rated_torque_nm: r.number("rated_torque_nm", range(0.001, 1000.0, "Nm")),
-        max_torque_permille: r.integer("max_torque_permille", 1, 10_000, "1/1000 of rated"),
-        sync_divisor: r.integer("sync_divisor", 1, 240, "SYNCs"),
-        heartbeat: r.span("heartbeat_ms", 1.0, 65_535.0),
-        watchdog: r.span("watchdog_ms", 5.0, 1000.0),
-    }
-}
-
 fn bus(r: &Reader<'_>) -> BusConfig {
     BusConfig {
         backend: BusBackend::parse(&r.text("backend"), |what| r.refuse("backend", what)),
         bitrate: r.integer("bitrate_bit_s", 10_000, 1_000_000, "bit/s"),
+        data_bitrate: r.optional_integer("data_bitrate_bit_s", 1_000_000, 8_000_000),
         echo_timeout: r.span("echo_timeout_ms", 1.0, 1000.0),
     }
 }

@@ -1,10 +1,11 @@
-//! The frames that a cycle waits for: the answers of all drives that answer every SYNC. RT: yes.
+//! The frames that a cycle waits for: the answers of all drives that answer every SYNC. Drives without SYNC answered
+//! the command of the cycle before. RT: yes.
 
 use super::wake::Bell;
 use crate::base::time::Stamp;
 use crate::bus::canopen::{Message, Node};
 use crate::config::checked::Robot;
-use crate::msg::{BusFrame, DRIVES};
+use crate::msg::{BUSES, BusFrame, DRIVES};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// A drive as seen from the wire, if it answers every SYNC.
@@ -14,6 +15,7 @@ type Answering = Option<(usize, Node)>;
 #[derive(Debug)]
 pub struct Awaited {
     drives: [Answering; DRIVES],
+    synced: [bool; BUSES],
     all: u32,
     open: AtomicU32,
     bell: Bell,
@@ -24,11 +26,18 @@ impl Awaited {
     #[must_use]
     pub fn new(robot: &Robot) -> Self {
         let drives = robot.drives.each_ref().map(|drive| {
-            let node = Node::new(drive.node).filter(|_| drive.sync_divisor == 1)?;
+            let node = Node::new(drive.node).filter(|_| drive.is_canopen() && drive.sync_divisor == 1)?;
             Some((drive.bus, node))
         });
         let all = drives.iter().enumerate().fold(0, |all, (i, d)| all | (u32::from(d.is_some()) << i));
-        Self { drives, all, open: AtomicU32::new(0), bell: Bell::default() }
+        let synced = std::array::from_fn(|bus| robot.drives.iter().any(|d| d.bus == bus && d.is_canopen()));
+        Self { drives, synced, all, open: AtomicU32::new(0), bell: Bell::default() }
+    }
+
+    /// Buses with drives that want SYNC.
+    #[must_use]
+    pub const fn synced(&self) -> [bool; BUSES] {
+        self.synced
     }
 
     /// A cycle begins: all answers are out.

@@ -104,7 +104,9 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
 
     /// The clock of the buses, when the step itself comes later.
     fn sync(&mut self, desk: &mut Desk) {
-        for (wire, down) in self.wires.iter_mut().zip(&mut desk.link_down) {
+        let synced = self.awaited.synced();
+        let ends = self.wires.iter_mut().zip(&mut desk.link_down).zip(synced).filter(|(_, synced)| *synced);
+        for ((wire, down), _) in ends {
             *down = self.progress.sent(wire.send(&SYNC_FRAME));
         }
     }

@@ -146,3 +146,7 @@ const fn word(value: Value) -> u64 {
 #[cfg(test)]
 #[path = "lockstep_tests.rs"]
 mod tests;
+
+#[cfg(test)]
+#[path = "example_tests.rs"]
+mod example_tests;

@@ -59,4 +59,6 @@ pub trait World: Send {
 }
 
 #[cfg(test)]
+mod drive_laws;
+#[cfg(test)]
 mod experiments;

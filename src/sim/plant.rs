@@ -117,7 +117,7 @@ impl Plant {
             units,
             bus_of: std::array::from_fn(|k| robot.drives[k].bus),
             drives: drives.collect(),
-            wires: robot.buses.iter().map(|b| Wire::new(b.bitrate, timed, DRIVES + 1)).collect(),
+            wires: robot.buses.iter().map(|b| Wire::new(b.rates(), timed, DRIVES + 1)).collect(),
             next_drive_tick: Stamp::default(),
             release_after: config.simulation.release_after,
             hip_powered_since: None,
@@ -275,6 +275,9 @@ impl Plant {
         }
         for index in 0..DRIVES {
             if self.bus_of[index] == bus && delivered.sender != index + 1 {
+                if delivered.sender == HOST {
+                    self.show_position(index, at);
+                }
                 self.drives[index].hear(at, &delivered.frame, &mut self.answers);
                 self.put_answers(index, at);
             }
@@ -296,6 +299,7 @@ impl Plant {
     fn tick_drives(&mut self, at: Stamp) {
         self.next_drive_tick = at + DRIVE_TICK;
         for index in 0..DRIVES {
+            self.show_position(index, at);
             self.drives[index].tick(at, &mut self.answers);
             self.put_answers(index, at);
         }
@@ -327,9 +331,21 @@ impl Plant {
         }
     }
 
+    /// A drive without SYNC reads its encoder now.
+    fn show_position(&mut self, index: usize, at: Stamp) {
+        if self.drives[index].samples_by_itself() {
+            self.move_world_to(at);
+            let counts = self.shaft_counts(index);
+            self.drives[index].set_position(counts);
+        }
+    }
+
     /// Encoders and potentiometers of the drives on a bus read what the world shows.
     fn show_positions(&mut self, bus: usize) {
         for index in (0..DRIVES).filter(|k| self.bus_of[*k] == bus) {
+            if self.drives[index].samples_by_itself() {
+                continue;
+            }
             let counts = self.shaft_counts(index);
             self.drives[index].set_position(counts);
             if let Some(toe) = index.checked_sub(1) {

@@ -4,8 +4,9 @@
 //! when the wire falls free wins (arbitration). An overloaded bus therefore shows as it does on the robot: delays grow,
 //! then queues refuse. RT: no.
 
+use crate::base::can_time::BitRates;
 use crate::base::time::{Span, Stamp};
-use crate::bus::frame::{exact_bits, wire_time_ns};
+use crate::bus::frame::exact_time_ns;
 use crate::msg::CanFrame;
 use std::collections::VecDeque;
 
@@ -26,7 +27,7 @@ pub struct Delivered {
 /// A wire with its senders' queues.
 #[derive(Clone, Debug)]
 pub struct Wire {
-    bitrate: u32,
+    rates: BitRates,
     timed: bool,
     queues: Vec<VecDeque<(Stamp, CanFrame)>>,
     /// The frame on the wire.
@@ -40,9 +41,9 @@ pub struct Wire {
 impl Wire {
     /// A wire with so many senders. Untimed, a frame takes a nanosecond.
     #[must_use]
-    pub fn new(bitrate: u32, timed: bool, senders: usize) -> Self {
+    pub fn new(rates: BitRates, timed: bool, senders: usize) -> Self {
         Self {
-            bitrate,
+            rates,
             timed,
             queues: vec![VecDeque::new(); senders],
             current: None,
@@ -121,16 +122,21 @@ impl Wire {
         let Some(earliest) = self.queues.iter().filter_map(|q| q.front()).map(|(at, _)| *at).min() else { return };
         let start = earliest.max(self.free_since);
         let waiting = self.queues.iter().enumerate().filter_map(|(s, q)| q.front().map(|(at, f)| (s, *at, f)));
-        let Some((sender, ..)) = waiting.filter(|(_, at, _)| *at <= start).min_by_key(|(_, _, f)| f.id & 0x1FFF_FFFF)
+        let Some((sender, ..)) = waiting.filter(|(_, at, _)| *at <= start).min_by_key(|(_, _, f)| arbitration(f))
         else {
             return;
         };
         if let Some((_, frame)) = self.queues[sender].pop_front() {
-            let took = Span(if self.timed { wire_time_ns(exact_bits(&frame), self.bitrate) } else { 1 });
+            let took = Span(if self.timed { exact_time_ns(&frame, self.rates) } else { 1 });
             self.busy = Span(self.busy.0 + took.0);
             self.current = Some(Delivered { at: start + took, sender, frame });
         }
     }
+}
+
+/// Lowest wins. An 11-bit identifier is compared with the first 11 of 29 and wins against its equal.
+const fn arbitration(frame: &CanFrame) -> u32 {
+    if frame.id & CanFrame::EXTENDED == 0 { (frame.id & 0x7FF) << 19 } else { (frame.id & 0x1FFF_FFFF) << 1 | 1 }
 }
 
 #[cfg(test)]
@@ -138,13 +144,15 @@ mod tests {
     use super::*;
     use crate::bus::frame::worst_bits;
 
+    const RATES: BitRates = BitRates { nominal: 1_000_000, data: None };
+
     fn all(wire: &mut Wire) -> Vec<Delivered> {
         std::iter::from_fn(|| wire.take(Stamp(i64::MAX))).collect()
     }
 
     #[test]
     fn lowest_identifier_wins_but_a_sender_keeps_its_order() {
-        let mut wire = Wire::new(1_000_000, true, 2);
+        let mut wire = Wire::new(RATES, true, 2);
         for (sender, id) in [(0, 0x300), (0, 0x100), (1, 0x200)] {
             assert!(wire.put(Stamp(0), sender, CanFrame::new(id, &[])));
         }
@@ -153,7 +161,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_comes_later_does_not_stop_the_one_on_the_wire() {
-        let mut wire = Wire::new(1_000_000, true, 2);
+        let mut wire = Wire::new(RATES, true, 2);
         wire.put(Stamp(0), 0, CanFrame::new(0x7FF, &[0; 8]));
         assert_eq!(wire.take(Stamp(1_000)), None);
         wire.put(Stamp(1_000), 1, CanFrame::new(0x001, &[]));
@@ -162,7 +170,7 @@ mod tests {
 
     #[test]
     fn frames_follow_one_another_without_overlap() {
-        let mut wire = Wire::new(1_000_000, true, 1);
+        let mut wire = Wire::new(RATES, true, 1);
         for k in 0..10 {
             wire.put(Stamp(0), 0, CanFrame::new(0x200, &[k; 8]));
         }
@@ -173,7 +181,7 @@ mod tests {
 
     #[test]
     fn an_overloaded_bus_grows_late_and_then_refuses() {
-        let mut wire = Wire::new(1_000_000, true, 1);
+        let mut wire = Wire::new(RATES, true, 1);
         let mut delays = Vec::new();
         for ms in 0..200_i64 {
             for k in 0..10 {
@@ -190,7 +198,7 @@ mod tests {
 
     #[test]
     fn on_a_silent_wire_nothing_leaves_and_all_leaves_afterwards() {
-        let mut wire = Wire::new(1_000_000, true, 1);
+        let mut wire = Wire::new(RATES, true, 1);
         wire.put(Stamp(0), 0, CanFrame::new(0x201, &[1]));
         assert!(wire.next_end().is_some());
         wire.set_silent(Stamp(10), true);

@@ -7,6 +7,7 @@
 //!  A boot-up message in any state but Reset leads to Configure: the drive has lost its mapping.
 //! ```
 
+use super::agreement::Agreement;
 use super::setup::{self, SetupFault, Step, TORQUE_LIMIT};
 use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::{Emergency, Message, NmtCommand, NmtState, Node, PdoData};
@@ -30,6 +31,10 @@ const RETRY: Span = Span::from_ms(1000);
 const HEARTBEATS_MISSED: i64 = 3;
 /// Commands with zero torque (or the measured position) after the drive was first seen enabled.
 const ZERO_COMMANDS: u8 = 2;
+/// At this count two drives have one number.
+const DOUBLED_ANSWERS: u8 = 20;
+/// So many answers may show it enabled after it was told to be off.
+const ASTRAY_ANSWERS: u8 = 50;
 /// Commands that the reset bit stays low, then high.
 const RESET_HOLD: u8 = 4;
 
@@ -95,6 +100,11 @@ pub(super) struct DriveLine {
     reset_commands: u8,
     hold_counts: Option<i32>,
     limit: TorqueLimit,
+    agreement: Agreement,
+    /// Answers in a row that show it enabled although it was told to be off.
+    astray: u8,
+    /// Second answers to one SYNC count two, the others take one back.
+    doubled: u8,
 }
 
 impl DriveLine {
@@ -119,6 +129,9 @@ impl DriveLine {
             reset_commands: 0,
             hold_counts: None,
             limit: TorqueLimit::default(),
+            agreement: Agreement::default(),
+            astray: 0,
+            doubled: 0,
         }
     }
 
@@ -193,6 +206,10 @@ impl DriveLine {
         } else if is_fault(before) && !is_fault(self.state) {
             self.feedback.error_code = 0;
         }
+        self.compare(answer, sampled);
+        if self.phase != Phase::Operating {
+            return;
+        }
         self.feedback.stamp = sampled;
         self.feedback.state = self.state.as_message();
         self.feedback.statusword = answer.statusword;
@@ -204,6 +221,24 @@ impl DriveLine {
         match self.mode {
             DriveMode::CyclicTorque => self.feedback.torque_permille = answer.third,
             DriveMode::CyclicPosition => self.feedback.analog_counts = answer.third,
+        }
+    }
+
+    /// What it shows against what it was told.
+    fn compare(&mut self, answer: &Answer, sampled: Stamp) {
+        let follows = self.state == State::Enabled && self.goal == DriveGoal::Enabled && !self.held_back;
+        let torque = follows && self.mode == DriveMode::CyclicTorque;
+        let disobeys = self.state == State::Enabled && self.goal != DriveGoal::Enabled;
+        self.astray = if disobeys { self.astray.saturating_add(1) } else { 0 };
+        let again = sampled == self.feedback.stamp;
+        self.doubled = if again { self.doubled.saturating_add(2) } else { self.doubled.saturating_sub(1) };
+        if self.doubled >= DOUBLED_ANSWERS {
+            self.doubled = 0;
+            self.fail(sampled, SetupFault::TwoNodes);
+        } else if self.astray >= ASTRAY_ANSWERS {
+            self.fail(sampled, SetupFault::StateAstray);
+        } else if torque && self.agreement.is_broken_by(answer.third) {
+            self.fail(sampled, SetupFault::TorqueAstray);
         }
     }
 
@@ -315,6 +350,7 @@ impl DriveLine {
             DriveMode::CyclicTorque => {
                 let limit = self.max_torque_permille.max(0);
                 let torque = if follows { command.torque_permille.clamp(-limit, limit) } else { 0 };
+                self.agreement.note(torque);
                 pdo::torque_command(controlword, torque)
             }
             DriveMode::CyclicPosition => pdo::position_command(controlword, self.target_position(follows, command)),
@@ -346,6 +382,7 @@ impl DriveLine {
     fn follows_commands(&mut self) -> bool {
         if self.state != State::Enabled || self.goal != DriveGoal::Enabled || self.held_back {
             self.enabled_commands = 0;
+            self.agreement = Agreement::default();
             return false;
         }
         let follows = self.enabled_commands >= ZERO_COMMANDS;

@@ -3,9 +3,11 @@
 //! | variant | protocols | file |
 //! |---|---|---|
 //! | [`Member::Canopen`] | CiA 301 and 402: set up by an object server, in step by SYNC | `drive`, `setup` |
+//! | [`Member::Direct`] | MIT, ODrive, moteus: commanded frame by frame | `direct`, `speak_*` |
 
+use super::direct::Direct;
 use super::drive::DriveLine;
-use crate::base::time::Stamp;
+use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::Message;
 use crate::msg::{BusFrame, CanFrame, DriveCommand, DriveFeedback, FrameBatch};
 
@@ -14,6 +16,8 @@ use crate::msg::{BusFrame, CanFrame, DriveCommand, DriveFeedback, FrameBatch};
 pub(super) enum Member {
     /// CANopen.
     Canopen(DriveLine),
+    /// Commanded frame by frame.
+    Direct(Direct),
 }
 
 impl Member {
@@ -21,6 +25,7 @@ impl Member {
     pub(super) const fn index(&self) -> usize {
         match self {
             Self::Canopen(drive) => drive.index,
+            Self::Direct(drive) => drive.index,
         }
     }
 
@@ -28,6 +33,7 @@ impl Member {
     pub(super) const fn feedback(&self) -> &DriveFeedback {
         match self {
             Self::Canopen(drive) => &drive.feedback,
+            Self::Direct(drive) => &drive.feedback,
         }
     }
 
@@ -35,6 +41,7 @@ impl Member {
     pub(super) const fn command_in_flight(&self) -> Option<Stamp> {
         match self {
             Self::Canopen(drive) => drive.command_in_flight,
+            Self::Direct(drive) => drive.command_in_flight,
         }
     }
 
@@ -42,6 +49,7 @@ impl Member {
     pub(super) fn prove_departure(&mut self, until: Stamp) {
         let in_flight = match self {
             Self::Canopen(drive) => &mut drive.command_in_flight,
+            Self::Direct(drive) => &mut drive.command_in_flight,
         };
         *in_flight = in_flight.filter(|at| *at > until);
     }
@@ -50,13 +58,15 @@ impl Member {
     pub(super) fn on_stall(&mut self) {
         match self {
             Self::Canopen(drive) => drive.on_stall(),
+            Self::Direct(drive) => drive.on_stall(),
         }
     }
 
-    /// Deadlines.
-    pub(super) fn supervise(&mut self, now: Stamp) {
+    /// Deadlines; `listened`: for how long we have listened since the last time.
+    pub(super) fn supervise(&mut self, now: Stamp, listened: Span) {
         match self {
             Self::Canopen(drive) => drive.supervise(now),
+            Self::Direct(drive) => drive.supervise(now, listened),
         }
     }
 
@@ -64,6 +74,7 @@ impl Member {
     pub(super) fn setup_frame(&mut self, now: Stamp, phase: u32) -> Option<CanFrame> {
         match self {
             Self::Canopen(drive) => drive.setup_frame(now, phase),
+            Self::Direct(drive) => drive.setup_frame(now),
         }
     }
 
@@ -71,6 +82,7 @@ impl Member {
     pub(super) fn note_command(&mut self, command: &DriveCommand) {
         match self {
             Self::Canopen(drive) => drive.note_command(command),
+            Self::Direct(drive) => drive.note_command(command),
         }
     }
 
@@ -78,6 +90,7 @@ impl Member {
     pub(super) fn wants_command(&self, phase: u32, command: &DriveCommand) -> bool {
         match self {
             Self::Canopen(drive) => drive.wants_command(phase, command),
+            Self::Direct(drive) => drive.wants_command(phase, command),
         }
     }
 
@@ -88,6 +101,7 @@ impl Member {
                 let pdo = drive.command(now, command);
                 Message::Rpdo(1, drive.node, pdo).emit()
             }
+            Self::Direct(drive) => drive.command(now, command),
         }
     }
 
@@ -98,6 +112,7 @@ impl Member {
                 let frame = Message::Rpdo(1, drive.node, drive.stop_command()).emit();
                 out.push(BusFrame::ours(Stamp::default(), frame));
             }
+            Self::Direct(drive) => drive.stop_frames(out),
         }
     }
 }

@@ -1,19 +1,25 @@
-//! The CANopen master of one bus: sets its drives up, keeps them in step, and never leaves an old command behind.
+//! The master of one bus: sets its drives up, keeps them in step, and never leaves an old command behind.
 //!
 //! Each cycle: [`Line::receive`] what came, then [`Line::transmit`] what shall go: at most one set-up frame, our
-//! heartbeat, the commands whose turn it is, and SYNC, which makes them act and takes the next sample.
+//! heartbeat, the commands whose turn it is, and SYNC, which makes them act and takes the next sample. Heartbeat, SYNC
+//! and network management are for CANopen drives ([`mod@drive`]); others act on each command ([`direct`]).
 //!
 //! **Nothing stale on the wire.** A command goes out only when the one before is known to have left: by its echo, by
 //! the echo of a SYNC sent after it, or by an answer that only it can have caused. So at most one command per drive
 //! can sit in a kernel or adapter whose peer is gone. If nothing proves departure for the echo timeout the bus is
-//! *stalled*: no more commands; a probe (NMT reset of all nodes, harmless whenever it is delivered) until one is
+//! *stalled*: no more commands; a probe (NMT reset of all nodes, or power off: harmless whenever delivered) until one is
 //! echoed; then the whole start-up from reset. Emptying the kernel's queue is the I/O thread's part.
 //!
 //! RT: yes; `new` allocates.
 
+mod agreement;
+mod direct;
 mod drive;
 mod member;
 mod setup;
+mod speak_mit;
+mod speak_moteus;
+mod speak_odrive;
 
 use super::budget;
 use super::canopen::{Message, NmtCommand, NmtState, Node};
@@ -22,6 +28,7 @@ use crate::base::listening::Listening;
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::{RealTime, Robot, Trigger};
 use crate::msg::{BusFrame, BusHealth, CanFrame, DRIVES, DriveCommand, DriveCommands, DriveFeedbacks, FrameBatch};
+use direct::{Direct, Heard};
 use drive::DriveLine;
 pub(super) use drive::Slot;
 use member::Member;
@@ -99,6 +106,8 @@ pub struct Line {
     bus: usize,
     round: u32,
     cycle: u32,
+    /// Some drive is CANopen.
+    canopen: bool,
     sync_by_us: bool,
     echo_timeout: Span,
     heartbeat_every: Span,
@@ -127,14 +136,18 @@ impl Line {
         let mut drives = [const { None }; DRIVES];
         let mut watchdog = Span(i64::MAX);
         for (index, (slot, config)) in drives.iter_mut().zip(&robot.drives).enumerate() {
-            if let (Some(at), Some(node)) = (plan.slot(index), Node::new(config.node)) {
-                *slot = Some(Member::Canopen(DriveLine::new(index, node, config, at, real_time)));
-                watchdog = watchdog.min(config.watchdog);
-            }
+            let Some(at) = plan.slot(index) else { continue };
+            let canopen = || {
+                let node = Node::new(config.node)?;
+                Some(Member::Canopen(DriveLine::new(index, node, config, at, real_time)))
+            };
+            *slot = Direct::new(index, config, at).map(Member::Direct).or_else(canopen);
+            watchdog = watchdog.min(config.watchdog);
         }
         let noticed_by = robot.buses.get(bus).map_or(Span::from_ms(20), |b| b.echo_timeout);
         Ok(Self {
             bus,
+            canopen: drives.iter().flatten().any(|drive| matches!(drive, Member::Canopen(_))),
             round: plan.round,
             cycle: 0,
             sync_by_us: real_time.trigger == Trigger::Timer,
@@ -169,7 +182,7 @@ impl Line {
         for frame in frames {
             self.take(now, &frame);
         }
-        self.supervise(now, health);
+        self.supervise(now, health, listened);
         for drive in self.drives.iter().flatten() {
             if let Some(feedback) = feedbacks.drives.get_mut(drive.index()) {
                 *feedback = *drive.feedback();
@@ -199,7 +212,9 @@ impl Line {
         for drive in self.drives.iter().flatten() {
             drive.stop_frames(out);
         }
-        out.push(BusFrame::ours(Stamp::default(), SYNC_FRAME));
+        if self.canopen {
+            out.push(BusFrame::ours(Stamp::default(), SYNC_FRAME));
+        }
     }
 
     /// What happened since the start.
@@ -221,6 +236,12 @@ impl Line {
     }
 
     fn take(&mut self, now: Stamp, received: &BusFrame) {
+        if self.take_direct(now, received) {
+            return;
+        }
+        if !self.canopen {
+            return self.count_foreign();
+        }
         let stamp = received.stamp;
         match Message::parse(&received.frame) {
             // What only a master says, and not we: its commands would move our motors, and pass for our echoes.
@@ -250,6 +271,32 @@ impl Line {
         }
     }
 
+    /// True if the frame is to or from a drive that is commanded frame by frame.
+    fn take_direct(&mut self, now: Stamp, received: &BusFrame) -> bool {
+        for member in self.drives.iter_mut().flatten() {
+            let Member::Direct(drive) = member else { continue };
+            match drive.hear(received) {
+                Heard::Foreign => continue,
+                Heard::Garbled => self.counters.foreign = self.counters.foreign.saturating_add(1),
+                Heard::Echo | Heard::OwnQuestion if !received.own => {
+                    self.counters.masters = self.counters.masters.saturating_add(1);
+                    self.other_master = Some(now);
+                }
+                Heard::OwnQuestion => {}
+                Heard::Word(word) if !word.answers_command => {}
+                Heard::Word(_) => self.waited = Span::ZERO,
+                Heard::Echo => {
+                    self.waited = Span::ZERO;
+                    if !self.canopen && drive.probe() == Some(received.frame) {
+                        self.on_probe_echo();
+                    }
+                }
+            }
+            return true;
+        }
+        false
+    }
+
     fn drive(&self, node: Node) -> Option<usize> {
         let mut drives = self.drives.iter().flatten();
         drives.find(|member| matches!(member, Member::Canopen(drive) if drive.node == node)).map(Member::index)
@@ -258,6 +305,7 @@ impl Line {
     fn with(&mut self, node: Node, act: impl FnOnce(&mut DriveLine, &mut LineCounters)) {
         let found = self.drives.iter_mut().flatten().find_map(|member| match member {
             Member::Canopen(drive) => Some(drive).filter(|drive| drive.node == node),
+            Member::Direct(_) => None,
         });
         match found {
             Some(drive) => act(drive, &mut self.counters),
@@ -309,9 +357,9 @@ impl Line {
         }
     }
 
-    fn supervise(&mut self, now: Stamp, health: BusHealth) {
+    fn supervise(&mut self, now: Stamp, health: BusHealth, listened: Span) {
         for drive in self.drives.iter_mut().flatten() {
-            drive.supervise(now);
+            drive.supervise(now, listened);
         }
         let link_dead = matches!(health, BusHealth::Off | BusHealth::Down);
         let dead = link_dead || health == BusHealth::Stalled;
@@ -343,11 +391,22 @@ impl Line {
     }
 
     fn probe(&mut self, now: Stamp, out: &mut FrameBatch) {
+        let frame = self.probe_frame();
         let Some(stall) = &mut self.stall else { return };
         if !stall.link_dead && stall.probe.is_none_or(|sent| now.since(sent) > PROBE_EVERY) {
             stall.probe = Some(now);
-            out.push(BusFrame::ours(now, Message::Nmt(NmtCommand::ResetNode, None).emit()));
+            out.push(BusFrame::ours(now, frame));
         }
+    }
+
+    /// On a bus with CANopen drives a reset of all nodes; else the first drive's power off.
+    fn probe_frame(&self) -> CanFrame {
+        let direct = self.drives.iter().flatten().find_map(|member| match member {
+            Member::Direct(drive) => drive.probe(),
+            Member::Canopen(_) => None,
+        });
+        let reset = Message::Nmt(NmtCommand::ResetNode, None).emit();
+        direct.filter(|_| !self.canopen).unwrap_or(reset)
     }
 
     /// One set-up frame, the drives taking turns; not in the phase in which the slow drives answer.
@@ -367,7 +426,7 @@ impl Line {
     }
 
     fn put_heartbeat(&mut self, now: Stamp, phase: u32, out: &mut FrameBatch) {
-        if phase + 1 == self.round && now.since(self.heartbeat_sent) >= self.heartbeat_every {
+        if self.canopen && phase + 1 == self.round && now.since(self.heartbeat_sent) >= self.heartbeat_every {
             self.heartbeat_sent = now;
             let frame = Message::Heartbeat(Node::MASTER, NmtState::Operational).emit();
             out.push(BusFrame::ours(now, frame));
@@ -391,7 +450,7 @@ impl Line {
 
     /// The round advances with the SYNCs that go out, because the drives count those.
     fn put_sync(&mut self, now: Stamp, out: &mut FrameBatch) {
-        if !self.sync_by_us {
+        if !self.sync_by_us || !self.canopen {
             self.cycle = self.cycle.wrapping_add(1);
         } else if self.sync_in_flight.is_none() {
             self.cycle = self.cycle.wrapping_add(1);

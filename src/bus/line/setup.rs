@@ -7,7 +7,7 @@ use crate::base::time::Span;
 use crate::bus::canopen::{Node, Object};
 use crate::bus::pdo::{self, Entry};
 use crate::bus::sdo::{Address, SdoReply, SdoValue};
-use crate::config::checked::{DriveConfig, DriveMode, Trigger};
+use crate::config::checked::{Cia402, DriveConfig, DriveMode, DriveProtocol, Trigger};
 
 /// Why a drive is not in use. The number is told as the drive's error code: 0x0001 to 0x00FF are ours, since CiA 301
 /// leaves all but 0x0000 of that range unused.
@@ -38,6 +38,16 @@ pub enum SetupFault {
     Rebooted = 0x0B,
     /// The bus stalled; the drive is reset when it is back.
     BusStalled = 0x0C,
+    /// It shows another torque than it was asked for.
+    TorqueAstray = 0x0D,
+    /// It shows that it follows commands although it was told to be off.
+    StateAstray = 0x0E,
+    /// It answers twice: two drives have one number.
+    TwoNodes = 0x0F,
+    /// Its ranges are not the configured ones, so every torque would be scaled wrong.
+    WrongRange = 0x10,
+    /// Its position jumps, or stands at the end of what can be coded.
+    PositionAstray = 0x11,
 }
 
 /// What the value that was read must be.
@@ -98,11 +108,12 @@ impl Check {
     }
 }
 
-/// CiA 402 number of a mode.
-pub(super) const fn mode_number(mode: DriveMode) -> i8 {
-    match mode {
-        DriveMode::CyclicTorque => 10,
-        DriveMode::CyclicPosition => 8,
+/// CiA 402 number of a drive's mode.
+pub(super) const fn mode_number(drive: &DriveConfig) -> i8 {
+    match (drive.mode, &drive.protocol) {
+        (DriveMode::CyclicTorque, DriveProtocol::Cia402(Cia402 { profile_torque: true })) => 4,
+        (DriveMode::CyclicTorque, _) => 10,
+        (DriveMode::CyclicPosition, _) => 8,
     }
 }
 
@@ -111,7 +122,7 @@ pub(super) const TORQUE_LIMIT: Address = Address::new(0x6072, 0);
 
 /// All steps for one drive, in order.
 pub(super) fn steps(drive: &DriveConfig, node: Node, period: Span, trigger: Trigger) -> Box<[Step]> {
-    let mode = mode_number(drive.mode);
+    let mode = mode_number(drive);
     let mut list = identity(mode, rated_torque_mnm(drive));
     list.extend(supervision(drive));
     list.extend(process_data(drive, node, trigger));
@@ -186,6 +197,9 @@ fn mapping(comm: u16, map: u16, id: u16, kind: u8, entries: &[Entry], timeout: O
     list
 }
 
+/// Slope of profile torque, 1/1000 of rated per s: ten times rated torque in 1 ms.
+const TORQUE_SLOPE: u32 = 10_000_000;
+
 /// Interpolation time, limit and mode.
 fn operation(drive: &DriveConfig, mode: i8, period: Span) -> Vec<Step> {
     let (value, exponent) = interpolation_time(Span(period.0 * i64::from(drive.sync_divisor)));
@@ -193,6 +207,8 @@ fn operation(drive: &DriveConfig, mode: i8, period: Span) -> Vec<Step> {
         Step::WriteIfPresent(Address::new(0x60C2, 1), SdoValue::u8(value)),
         Step::WriteIfPresent(Address::new(0x60C2, 2), SdoValue::i8(exponent)),
         Step::Write(TORQUE_LIMIT, SdoValue::u16(first_torque_limit(drive))),
+        // Profile torque ramps to its target; the ramps are ours, so let its own be the steepest.
+        Step::WriteIfPresent(Address::new(0x6087, 0), SdoValue::u32(TORQUE_SLOPE)),
         Step::Write(Address::new(0x6060, 0), SdoValue::i8(mode)),
         Step::Read(Address::new(0x6061, 0), Check::ModeIs(mode)),
     ])

@@ -93,7 +93,8 @@ fn set_up_begins_with_a_reset_of_each_drive_and_takes_one_frame_per_cycle() {
 #[test]
 fn first_question_after_boot_up_is_the_device_type_and_a_stranger_is_refused() {
     let mut line = line(1);
-    let Member::Canopen(DriveLine { node, index, .. }) = *line.drives.iter().flatten().next().unwrap();
+    let Some(Member::Canopen(DriveLine { node, index, .. })) = line.drives.iter().flatten().next() else { panic!() };
+    let (node, index) = (*node, *index);
     let mut out = FrameBatch::default();
     for k in 0..8 {
         (out, _) = cycle(&mut line, at_ms(k), &out, &[]);

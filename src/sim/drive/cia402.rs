@@ -4,7 +4,7 @@
 //! When it no longer hears the heartbeat that it watches, or commands stay out beyond the RPDO's timer, it does what
 //! object 0x6007 says: that is the protection that works when our process is killed. RT: no.
 
-use super::Electrics;
+use super::{Defects, Electrics};
 use crate::base::bytes::padded;
 use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::{
@@ -12,29 +12,15 @@ use crate::bus::canopen::{
 };
 use crate::bus::cia402::State;
 use crate::bus::sdo::SdoValue;
-use crate::config::checked::{DriveConfig, DriveMode};
+use crate::config::checked::{Cia402, DriveConfig, DriveProtocol};
 use crate::msg::CanFrame;
 use crate::sim::objects::{Objects, PdoSetup, Plate};
 
 /// From reset to boot-up.
 const BOOT_TIME: Span = Span::from_ms(40);
-/// Both cyclic synchronous modes are there: bit 7 is position (8), bit 9 is torque (10).
-const SUPPORTED_MODES: u32 = 1 << 7 | 1 << 9;
 const MODE_POSITION: u32 = 8;
 const MODE_TORQUE: u32 = 10;
-
-/// What can be broken on purpose.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Defects {
-    /// Says nothing at all, as with its cable pulled; hears nothing either.
-    pub unplugged: bool,
-    /// Its object server does not answer.
-    pub mute_server: bool,
-    /// Does not know the torque mode.
-    pub no_torque_mode: bool,
-    /// Sends no heartbeat.
-    pub no_heartbeat: bool,
-}
+const MODE_PROFILE_TORQUE: u32 = 4;
 
 /// A drive.
 #[derive(Clone, Debug)]
@@ -69,9 +55,11 @@ impl Cia402Drive {
         let node = Node::new(config.node).unwrap_or(Node::MASTER);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked: positive and small")]
         let rated_torque_mnm = libm::round(config.rated_torque_nm * 1e3) as u32;
-        // A drive of the other kind than configured would be another type; ours know both modes.
-        debug_assert!(matches!(config.mode, DriveMode::CyclicTorque | DriveMode::CyclicPosition));
-        let plate = Plate { node, rated_torque_mnm, supported_modes: SUPPORTED_MODES };
+        // A drive that is configured for profile torque has no cyclic torque: that is why.
+        let profile = matches!(config.protocol, DriveProtocol::Cia402(Cia402 { profile_torque: true }));
+        let torque_mode = if profile { MODE_PROFILE_TORQUE } else { MODE_TORQUE };
+        let supported_modes = 1 << (MODE_POSITION - 1) | 1 << (torque_mode - 1);
+        let plate = Plate { node, rated_torque_mnm, supported_modes };
         Self {
             node,
             plate,
@@ -117,7 +105,11 @@ impl Cia402Drive {
 
     /// Torque that it should make now, 1/1000 of rated.
     fn torque_target(&self) -> f64 {
-        if self.state != State::Enabled || self.objects.raw(0x6061, 0) != MODE_TORQUE {
+        let mode = self.objects.raw(0x6061, 0);
+        if self.state != State::Enabled
+            || self.defects.no_torque
+            || (mode != MODE_TORQUE && mode != MODE_PROFILE_TORQUE)
+        {
             return 0.0;
         }
         let [low, high, ..] = self.objects.raw(0x6071, 0).to_le_bytes();
@@ -125,9 +117,19 @@ impl Cia402Drive {
         f64::from(i16::from_le_bytes([low, high])).clamp(-limit, limit)
     }
 
+    /// Profile torque goes to its target at the slope of object 0x6087, 1/1000 of rated per s.
+    fn ramped(&self, target: f64, dt: Span) -> f64 {
+        if self.objects.raw(0x6061, 0) != MODE_PROFILE_TORQUE {
+            return target;
+        }
+        let step = f64::from(self.objects.raw(0x6087, 0)) * dt.as_s();
+        target.clamp(self.torque_permille - step, self.torque_permille + step)
+    }
+
     /// Lets the current loop run for `dt` and gives the mean torque of that time, 1/1000 of rated.
     pub fn run_current_loop(&mut self, dt: Span) -> f64 {
         let target = self.torque_target();
+        let target = self.ramped(target, dt);
         self.electrics.run(&mut self.torque_permille, target, dt)
     }
 
@@ -192,8 +194,8 @@ impl Cia402Drive {
     /// shaft happens to be.
     pub fn reboot(&mut self, now: Stamp) {
         self.count_zero = self.shaft_counts;
-        let torque_mode = 1 << (MODE_TORQUE - 1);
-        let supported_modes = SUPPORTED_MODES & if self.defects.no_torque_mode { !torque_mode } else { !0 };
+        let torque_modes = 1 << (MODE_TORQUE - 1) | 1 << (MODE_PROFILE_TORQUE - 1);
+        let supported_modes = self.plate.supported_modes & if self.defects.no_torque_mode { !torque_modes } else { !0 };
         self.objects = Objects::new(Plate { supported_modes, ..self.plate });
         self.booting_until = Some(now + BOOT_TIME);
         self.nmt = NmtState::PreOperational;
@@ -326,7 +328,13 @@ impl Cia402Drive {
             let raw = self.objects.raw(entry.index, entry.sub).to_le_bytes();
             data.extend_from_slice(&raw[..usize::from(entry.bits / 8)]);
         }
+        if self.defects.no_answer {
+            return;
+        }
         out.push(CanFrame::new(id, &data));
+        if self.defects.twice {
+            out.push(CanFrame::new(id, &data));
+        }
     }
 
     /// Brings the objects that are read up to date.

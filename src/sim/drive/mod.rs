@@ -1,13 +1,46 @@
 //! The simulated drives: each speaks its protocol's bytes and knows nothing but frames and its shaft. RT: no.
 
 pub mod cia402;
+pub mod direct;
+mod mit;
+mod moteus;
+mod odrive;
 
 use crate::base::time::{Span, Stamp};
 use crate::bus::cia402::State;
 use crate::config::checked::{DriveConfig, DriveProtocol};
 use crate::msg::CanFrame;
 use cia402::Cia402Drive;
-pub use cia402::Defects;
+use direct::DirectDrive;
+
+/// What can be broken on purpose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Defects {
+    /// Says nothing at all, as with its cable pulled; hears nothing either.
+    pub unplugged: bool,
+    /// Its object server does not answer.
+    pub mute_server: bool,
+    /// Does not know the torque mode.
+    pub no_torque_mode: bool,
+    /// Sends no heartbeat.
+    pub no_heartbeat: bool,
+    /// Makes no torque although it says that it is enabled.
+    pub no_torque: bool,
+    /// Answers every second time twice, as two drives with one number would.
+    pub twice: bool,
+    /// Answers nothing, but hears and acts.
+    pub no_answer: bool,
+    /// MIT: answers with another motor's number.
+    pub wrong_number: bool,
+    /// MIT: its ranges are not those of the configuration.
+    pub wrong_ranges: bool,
+    /// ODrive: its encoder message stops while its heartbeat goes on.
+    pub no_encoder: bool,
+    /// moteus: its position is not set.
+    pub no_position: bool,
+    /// moteus: refuses to be read.
+    pub refuses: bool,
+}
 
 /// The electrical side of a drive, in 1/1000 of rated torque.
 #[derive(Clone, Copy, Debug)]
@@ -38,19 +71,29 @@ impl Electrics {
 pub enum SimDrive {
     /// CANopen, CiA 402.
     Cia402(Box<Cia402Drive>),
+    /// MIT, ODrive, moteus.
+    Direct(Box<DirectDrive>),
 }
 
 impl SimDrive {
     pub(super) fn new(config: &DriveConfig, electrics: Electrics) -> Self {
         match config.protocol {
-            DriveProtocol::Cia402 => Self::Cia402(Box::new(Cia402Drive::new(config, electrics))),
+            DriveProtocol::Cia402(_) => Self::Cia402(Box::new(Cia402Drive::new(config, electrics))),
+            _ => Self::Direct(Box::new(DirectDrive::new(config, electrics))),
         }
+    }
+
+    /// True if it reads its encoder whenever it likes, not at SYNC.
+    #[must_use]
+    pub const fn samples_by_itself(&self) -> bool {
+        matches!(self, Self::Direct(_))
     }
 
     /// What can be broken on purpose.
     pub fn defects_mut(&mut self) -> &mut Defects {
         match self {
             Self::Cia402(drive) => &mut drive.defects,
+            Self::Direct(drive) => &mut drive.defects,
         }
     }
 
@@ -59,6 +102,7 @@ impl SimDrive {
     pub fn state(&self) -> State {
         match self {
             Self::Cia402(drive) => drive.state(),
+            Self::Direct(drive) => drive.state(),
         }
     }
 
@@ -67,6 +111,7 @@ impl SimDrive {
     pub fn torque_permille(&self) -> f64 {
         match self {
             Self::Cia402(drive) => drive.torque_permille(),
+            Self::Direct(drive) => drive.torque_permille(),
         }
     }
 
@@ -75,6 +120,7 @@ impl SimDrive {
     pub fn target_counts(&self) -> Option<i32> {
         match self {
             Self::Cia402(drive) => drive.target_counts(),
+            Self::Direct(drive) => drive.target_counts(),
         }
     }
 
@@ -82,6 +128,7 @@ impl SimDrive {
     pub fn run_current_loop(&mut self, dt: Span) -> f64 {
         match self {
             Self::Cia402(drive) => drive.run_current_loop(dt),
+            Self::Direct(drive) => drive.run_current_loop(dt),
         }
     }
 
@@ -89,6 +136,7 @@ impl SimDrive {
     pub fn set_position(&mut self, counts: i32) {
         match self {
             Self::Cia402(drive) => drive.set_position(counts),
+            Self::Direct(drive) => drive.set_position(counts),
         }
     }
 
@@ -96,6 +144,8 @@ impl SimDrive {
     pub fn set_analog(&mut self, counts: i16) {
         match self {
             Self::Cia402(drive) => drive.set_analog(counts),
+            // It has no such input.
+            Self::Direct(_) => {}
         }
     }
 
@@ -103,6 +153,7 @@ impl SimDrive {
     pub fn hear(&mut self, now: Stamp, frame: &CanFrame, out: &mut Vec<CanFrame>) {
         match self {
             Self::Cia402(drive) => drive.hear(now, frame, out),
+            Self::Direct(drive) => drive.hear(now, frame, out),
         }
     }
 
@@ -110,6 +161,7 @@ impl SimDrive {
     pub fn tick(&mut self, now: Stamp, out: &mut Vec<CanFrame>) {
         match self {
             Self::Cia402(drive) => drive.tick(now, out),
+            Self::Direct(drive) => drive.tick(now, out),
         }
     }
 
@@ -117,6 +169,7 @@ impl SimDrive {
     pub fn reboot(&mut self, now: Stamp) {
         match self {
             Self::Cia402(drive) => drive.reboot(now),
+            Self::Direct(drive) => drive.reboot(now),
         }
     }
 
@@ -124,6 +177,7 @@ impl SimDrive {
     pub fn fail(&mut self, code: u16, out: &mut Vec<CanFrame>) {
         match self {
             Self::Cia402(drive) => drive.fail(code, out),
+            Self::Direct(drive) => drive.fail(code, out),
         }
     }
 }
