@@ -456,6 +456,7 @@ macro_rules! drive_laws {
 const EXACT: Case = Case { example: "", set: &[], step_permille: 1.0, step_counts: 1.0, faults: true, prompted: true };
 /// 12 bits over +-65 Nm are 2.1 permille of 15 Nm, 16 bits over +-12.5 rad 1.2 counts.
 const MIT: Case = Case { example: "mit.toml", step_permille: 2.2, step_counts: 1.3, ..EXACT };
+const MYACTUATOR: Case = Case { example: "myactuator.toml", ..MIT };
 const ODRIVE: Case = Case { example: "odrive.toml", prompted: false, ..EXACT };
 
 drive_laws!(cia402, super::EXACT);
@@ -466,13 +467,7 @@ drive_laws!(
     super::Case { set: &["robot.drives.hip.dialect=mini_cheetah"], faults: false, ..super::MIT }
 );
 drive_laws!(mit_damiao, super::Case { set: &["robot.drives.hip.dialect=damiao"], ..super::MIT });
-drive_laws!(
-    mit_myactuator,
-    super::Case {
-        set: &["robot.drives.hip.dialect=myactuator", "robot.drives.hip.position_range_rad=12.566"],
-        ..super::MIT
-    }
-);
+drive_laws!(mit_myactuator, super::MYACTUATOR);
 drive_laws!(odrive_0_6, super::ODRIVE);
 drive_laws!(
     odrive_0_5,
@@ -496,11 +491,8 @@ mod of_one_protocol {
 
     #[test]
     fn damiao_and_myactuator_with_other_ranges_are_refused() {
-        for set in [
-            &["robot.drives.hip.dialect=damiao"][..],
-            &["robot.drives.hip.dialect=myactuator", "robot.drives.hip.position_range_rad=12.566"],
-        ] {
-            let mut w = broken(Case { set, ..MIT }, |d| d.wrong_ranges = true);
+        for case in [Case { set: &["robot.drives.hip.dialect=damiao"], ..MIT }, MYACTUATOR] {
+            let mut w = broken(case, |d| d.wrong_ranges = true);
             w.until(1000, |w| w.hip().error_code == SetupFault::WrongRange as u16);
             assert!(w.hip_is(DriveState::Lost));
         }

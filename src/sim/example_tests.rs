@@ -6,7 +6,8 @@ use crate::msg::{Drive, FaultCode, Mode};
 use crate::sim::scenario;
 use std::path::Path;
 
-const EXAMPLES: [&str; 5] = ["mit.toml", "odrive.toml", "moteus.toml", "profile_torque.toml", "mixed.toml"];
+const EXAMPLES: [&str; 6] =
+    ["mit.toml", "myactuator.toml", "odrive.toml", "moteus.toml", "profile_torque.toml", "mixed.toml"];
 
 fn example(name: &str) -> Resolved {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples").join(name);
@@ -55,7 +56,8 @@ fn fault_after(name: &str, hurt: impl FnOnce(&mut Plant)) -> (FaultCode, u8, i64
     for ms in 1..=500 {
         let status = lockstep.step().status;
         if status.mode == Mode::Faulted {
-            for _ in 0..10 {
+            // A drive that hears nothing any more ends it by its own watchdog of 50 ms.
+            for _ in 0..60 {
                 lockstep.step();
             }
             assert!(lockstep.plant().hip_torque_nm().abs() < 0.2, "{name}: torque is gone");

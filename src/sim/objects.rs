@@ -97,6 +97,8 @@ impl Objects {
         self.put(0x6076, 0, SdoValue::u32(plate.rated_torque_mnm), Access::Read);
         self.put(0x6077, 0, SdoValue::i16(0), Access::Read);
         self.put(0x607A, 0, SdoValue::i32(0), Access::Write);
+        // Slow, as from the factory: profile torque that nobody set up ramps.
+        self.put(0x6087, 0, SdoValue::u32(1000), Access::Write);
         self.put(0x60C2, 1, SdoValue::u8(1), Access::Write);
         self.put(0x60C2, 2, SdoValue::i8(-3), Access::Write);
         self.put(0x6401, 1, SdoValue::i16(0), Access::Read);
