@@ -170,7 +170,7 @@ impl Items<'_> {
     }
 
     /// The next item of the row that was begun.
-    fn from_row(&mut self) -> Option<Item> {
+    fn next_of_row(&mut self) -> Option<Item> {
         let (verb, kind, left, register) = self.row?;
         self.row = (left > 1).then_some((verb, kind, left - 1, register.wrapping_add(1)));
         Some(match verb {
@@ -210,7 +210,7 @@ impl Iterator for Items<'_> {
         // Each turn uses up a byte or ends.
         while !self.broken {
             let found = if self.row.is_some() {
-                self.from_row().map(Some)
+                self.next_of_row().map(Some)
             } else {
                 match self.byte() {
                     None => return None,

@@ -108,8 +108,8 @@ impl Claim {
     /// True if two drives cannot live with both.
     #[must_use]
     pub const fn collides(&self, other: &Self) -> bool {
-        let apart = *self.ids.end() < *other.ids.start() || *other.ids.end() < *self.ids.start();
-        !apart && !(self.shared && other.shared)
+        let overlap = *self.ids.start() <= *other.ids.end() && *other.ids.start() <= *self.ids.end();
+        overlap && !(self.shared && other.shared)
     }
 }
 

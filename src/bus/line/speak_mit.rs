@@ -319,7 +319,7 @@ impl Speak for MitSpeaker {
         };
         // Its answers in motion mode tell no errors: asked for now and then, while it acts on the last command.
         self.asks = self.asks.wrapping_add(1);
-        if self.is_rmd() && holds && self.asks % STATUS_EVERY == 0 {
+        if self.is_rmd() && holds && self.asks.is_multiple_of(STATUS_EVERY) {
             return self.ordinary(rmd::STATUS);
         }
         self.numeric(&asked)
