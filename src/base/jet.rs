@@ -145,7 +145,6 @@ impl<const N: usize, const H: usize> Mul for Jet<N, H> {
 impl<const N: usize, const H: usize> Div for Jet<N, H> {
     type Output = Self;
     #[inline]
-    #[expect(clippy::suspicious_arithmetic_impl, reason = "division is multiplication by the inverse")]
     fn div(self, rhs: Self) -> Self {
         let inverse = 1.0 / rhs.v;
         let square = inverse * inverse;

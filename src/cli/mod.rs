@@ -14,6 +14,7 @@ mod identify;
 mod inspect;
 mod operator;
 mod outcome;
+mod plan;
 mod plant;
 mod predict;
 pub mod progress;
@@ -56,6 +57,7 @@ enum Command {
     Replay(replay::Args),
     Inspect(inspect::Args),
     Doctor(doctor::Args),
+    Plan(plan::Args),
     Bench(bench::Args),
     CheckConfig(check_config::Args),
     Predict(predict::Args),
@@ -77,6 +79,7 @@ impl Run for Command {
             Self::Replay(args) => args.run(),
             Self::Inspect(args) => args.run(),
             Self::Doctor(args) => args.run(),
+            Self::Plan(args) => args.run(),
             Self::Bench(args) => args.run(),
             Self::CheckConfig(args) => args.run(),
             Self::Predict(args) => args.run(),

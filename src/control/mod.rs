@@ -29,6 +29,7 @@ mod balance;
 mod friction;
 mod gains;
 mod hold;
+pub mod tables;
 
 use crate::base::riccati::RiccatiError;
 use crate::base::time::Stamp;

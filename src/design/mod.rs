@@ -8,15 +8,23 @@
 //! | [`solve`] | coarse, then fine; what blocks when there is no solution |
 //! | [`trajectory`] | the result as functions of time |
 //! | [`tasks`] | the problems that walking needs: gait, rebalance, step-in, change of speed, stop |
+//! | [`tvlqr`] | gains by time, through impacts (saltation) |
+//! | [`transverse`] | surfaces, periodic Riccati, multipliers |
+//! | [`file`] | motion and gains → `control::tables` |
 //!
 //! RT: no.
 
 pub mod collocation;
+pub mod file;
 pub mod nlp;
 pub mod problem;
 pub mod solve;
 pub mod tasks;
 pub mod trajectory;
+pub mod transverse;
+pub mod tvlqr;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod transverse_tests;

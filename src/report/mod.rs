@@ -4,6 +4,7 @@
 
 pub mod findings;
 pub mod identified;
+pub mod motion;
 pub mod page;
 pub mod plot;
 pub mod table;

@@ -41,7 +41,7 @@ pub fn html(findings: &Findings) -> String {
 }
 
 /// A whole file around a body.
-fn document(title: &str, body: &str) -> String {
+pub(super) fn document(title: &str, body: &str) -> String {
     let title = escape(title);
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
