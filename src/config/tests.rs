@@ -239,3 +239,29 @@ fn a_model_of_another_machine_is_refused() {
     assert!(with_model(pendulum, &[]).unwrap_err().to_string().contains("the robot is a compass_gait"));
     assert!(with_model("schema = 1\n", &[]).unwrap_err().to_string().contains("is no model file"));
 }
+
+fn example_errors(name: &str, overrides: &[&str]) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples").join(name);
+    let overrides: Vec<String> = overrides.iter().map(ToString::to_string).collect();
+    load(Some(&path), &overrides).map_or_else(|errors| errors.to_string(), |_| String::new())
+}
+
+#[test]
+fn drives_whose_identifiers_overlap_on_a_bus_are_refused() {
+    let factory = example_errors("mit.toml", &["robot.drives.hip.reply_id=0"]);
+    assert!(factory.contains("both use identifier 0x0 on bus 0"), "{factory}");
+    // Node 4 of an ODrive is 0x080 to 0x09F: SYNC and emergencies.
+    let toe_beside = ["robot.drives.hip.node=4", "robot.drives.inner_toe_a.bus=0"];
+    assert!(example_errors("odrive.toml", &toe_beside).contains("both use identifier 0x82 on bus 0"));
+}
+
+#[test]
+fn what_a_protocol_needs_is_asked_for_and_what_it_lacks_is_refused() {
+    let text = "[set.robot.drives.hip]\nprotocol = \"moteus\"\ncounts_per_turn = 20000.0\n";
+    let found = file("x.toml", text).unwrap_err().to_string();
+    assert!(found.contains("robot.bus0.data_bitrate_bit_s") && found.contains("needs CAN-FD"), "{found}");
+    assert!(example_errors("mit.toml", &["robot.drives.hip.torque_range_nm=20.0"]).contains("up to 30 Nm"));
+    let odrive = example_errors("odrive.toml", &["robot.drives.hip.firmware=\"0.5\""]);
+    assert!(odrive.contains("torque_constant_nm_a"), "{odrive}");
+    assert!(errors(&["robot.drives.hip.protocol=lcm"])[0].contains("must be one of \"cia402\", \"mit\""));
+}
