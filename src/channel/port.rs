@@ -1,6 +1,7 @@
 //! Publish and subscribe without waiting.
 //!
 //! RT: no. Nothing waits, but each message costs some small allocations inside iceoryx2; see [`super::ring`].
+#![expect(unsafe_code, reason = "statvfs")]
 
 use super::topic::Topic;
 use crate::msg::Element;
@@ -8,7 +9,11 @@ use iceoryx2::node::NodeBuilder;
 use iceoryx2::port::publisher::Publisher as Port;
 use iceoryx2::port::subscriber::Subscriber as Inlet;
 use iceoryx2::prelude::{BackpressureStrategy, SignalHandlingMode, ZeroCopySend, ipc};
+use std::ffi::CString;
 use std::fmt::{Debug, Display};
+use std::mem::MaybeUninit;
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
 
 /// A channel could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -75,6 +80,8 @@ impl Endpoint {
     /// # Errors
     /// When the service is incompatible or full.
     pub fn publisher<T: Payload>(&self, topic: &Topic<T>) -> Result<Publisher<T>, ChannelError> {
+        let free = free_bytes(Path::new(SHARED_MEMORY)).unwrap_or(u64::MAX);
+        check_room(topic.name(), free, needed_bytes(topic))?;
         let port = self
             .service(topic)?
             .publisher_builder()
@@ -94,6 +101,43 @@ impl Endpoint {
             self.service(topic)?.subscriber_builder().create().map_err(|e| ChannelError::new(topic.name(), e))?;
         Ok(Subscriber { inlet, expected: None, missed: 0 })
     }
+}
+
+/// Where iceoryx2 puts what it shares.
+const SHARED_MEMORY: &str = "/dev/shm";
+
+/// Bytes of shared memory that a publisher takes: what may wait for all subscribers and what they may hold, and some for
+/// the queues beside it.
+fn needed_bytes<T>(topic: &Topic<T>) -> u64 {
+    const BESIDE: usize = 1 << 20;
+    ((topic.buffer + 3) * topic.subscribers * (size_of::<T>() + size_of::<Sequence>()) + BESIDE) as u64
+}
+
+/// A file system without room gives the memory and kills whoever touches it (SIGBUS), so this is looked at before.
+fn check_room(what: &str, free: u64, needed: u64) -> Result<(), ChannelError> {
+    if free >= needed {
+        return Ok(());
+    }
+    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+    let why = format!(
+        "{SHARED_MEMORY} has {} MiB of room and {} are needed: remove what fills it, or mount it larger",
+        free >> 20,
+        mib(needed)
+    );
+    Err(ChannelError::new(what, why))
+}
+
+/// Bytes that may still be written to the file system of this folder.
+fn free_bytes(folder: &Path) -> Option<u64> {
+    let path = CString::new(folder.as_os_str().as_bytes()).ok()?;
+    let mut stat = MaybeUninit::<libc::statvfs>::zeroed();
+    // SAFETY: `path` ends with a NUL, `stat` has room for the one structure that is written.
+    if unsafe { libc::statvfs(path.as_ptr(), stat.as_mut_ptr()) } != 0 {
+        return None;
+    }
+    // SAFETY: all-zero bytes are a valid statvfs, and the call has filled it in.
+    let stat = unsafe { stat.assume_init() };
+    Some(stat.f_bavail.saturating_mul(stat.f_frsize))
 }
 
 type Service<T> = iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, T, Sequence>;

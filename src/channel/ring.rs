@@ -63,6 +63,30 @@ impl<T: Copy + Default> Ring<T> {
         true
     }
 
+    /// Hands over; when there is no room the oldest that waits is thrown away for it, and counted as lost. For a ring
+    /// whose reader may stall: what is newest is worth more then.
+    pub fn push_newest(&self, message: &T) {
+        // Each round makes room for one; others at the same end may take it.
+        for _ in 0..4 {
+            if let Some((slot, number)) = self.claim(&self.pushed, 0) {
+                // SAFETY: as in `push`.
+                unsafe { *slot.message.get() = *message };
+                slot.turn.store(number.wrapping_add(1), Ordering::Release);
+                return;
+            }
+            if self.pop().is_some() {
+                self.lost.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        self.lost.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Messages that wait: at least so many, if nobody else takes any.
+    pub fn waiting(&self) -> usize {
+        let (pushed, popped) = (self.pushed.0.load(Ordering::Relaxed), self.popped.0.load(Ordering::Relaxed));
+        pushed.wrapping_sub(popped).min(self.slots.len())
+    }
+
     /// The oldest that waits.
     pub fn pop(&self) -> Option<T> {
         let (slot, number) = self.claim(&self.popped, 1)?;
@@ -164,5 +188,14 @@ mod tests {
                 next[who] += 1;
             }
         });
+    }
+
+    #[test]
+    fn of_a_ring_that_overflows_the_newest_are_left() {
+        let ring = Ring::new(4);
+        (0..10).for_each(|n| ring.push_newest(&n));
+        assert_eq!((ring.waiting(), ring.lost()), (4, 6));
+        assert_eq!(drained(&ring), [6, 7, 8, 9]);
+        assert_eq!(ring.waiting(), 0);
     }
 }

@@ -45,7 +45,8 @@ impl<T: Element> Topic<T> {
     }
 }
 
-/// FNV-1a over names and types of all fields, depth first: differs when a field is added, renamed, moved or retyped.
+/// FNV-1a over names and types of all fields, depth first: differs when a field is added, renamed, moved
+/// or retyped, and when an enumeration gets another variant: its bytes would be no valid value to the other build.
 #[must_use]
 pub fn schema_hash(kind: &Kind) -> u64 {
     let mut hash = 0xCBF2_9CE4_8422_2325;
@@ -73,6 +74,13 @@ fn mix_kind(hash: &mut u64, kind: &Kind) {
         Kind::Struct(shape) => mix_shape(hash, shape),
         Kind::Bool => mix(hash, b"b"),
         Kind::U8 => mix(hash, b"u1"),
+        Kind::Enum(variants) => {
+            mix(hash, b"e");
+            for (name, number) in variants.iter() {
+                mix(hash, name.as_bytes());
+                mix(hash, &[b'=', *number]);
+            }
+        }
         Kind::U16 => mix(hash, b"u2"),
         Kind::U32 => mix(hash, b"u4"),
         Kind::U64 => mix(hash, b"u8"),
@@ -114,6 +122,16 @@ mod tests {
         for changed in [&RETYPED, &RENAMED, &SWAPPED] {
             assert_ne!(original, schema_hash(&Kind::Struct(changed)));
         }
+    }
+
+    #[test]
+    fn any_change_of_an_enumeration_changes_the_hash() {
+        const OLD: Kind = Kind::Enum(&[("Off", 0), ("On", 1)]);
+        for changed in [&[("Off", 0), ("On", 1), ("Half", 2)][..], &[("Off", 0), ("On", 2)], &[("Off", 0), ("Up", 1)]] {
+            let changed = Kind::Enum(Box::leak(changed.to_vec().into_boxed_slice()));
+            assert_ne!(schema_hash(&OLD), schema_hash(&changed));
+        }
+        assert!(matches!(<crate::msg::Mode as Element>::KIND, Kind::Enum(v) if v.len() == crate::msg::Mode::ALL.len()));
     }
 
     #[test]

@@ -7,8 +7,10 @@ use crate::base::time::{Span, Stamp};
 pub enum Kind {
     /// One byte, 0 or 1.
     Bool,
-    /// Unsigned byte; enumerations too.
+    /// Unsigned byte.
     U8,
+    /// Unsigned byte with these names and numbers.
+    Enum(&'static [(&'static str, u8)]),
     /// Unsigned, two bytes.
     U16,
     /// Unsigned, four bytes.
@@ -155,7 +157,8 @@ macro_rules! wire_enum {
         }
 
         impl $crate::msg::Element for $name {
-            const KIND: $crate::msg::Kind = $crate::msg::Kind::U8;
+            const KIND: $crate::msg::Kind =
+                $crate::msg::Kind::Enum(&[(stringify!($first), $fv), $((stringify!($var), $val),)*]);
             fn put(&self, sink: &mut impl FnMut($crate::msg::Value)) {
                 sink($crate::msg::Value::U8(*self as u8));
             }
@@ -221,6 +224,16 @@ macro_rules! batch {
                         false
                     }
                 }
+            }
+
+            /// Adds an item; when there is no room the oldest goes for it. True if none had to.
+            pub fn push_newest(&mut self, item: $item) -> bool {
+                let full = usize::from(self.count) >= self.$items.len();
+                if full {
+                    self.$items.rotate_left(1);
+                    self.count = self.count.saturating_sub(1);
+                }
+                self.push(item) && !full
             }
 
             /// Forgets the items, keeps the count of drops.

@@ -66,7 +66,7 @@ impl<'a> Leaves<'a> {
                 [1] => Value::Bool(true),
                 _ => return None,
             },
-            Kind::U8 => Value::U8(u8::from_le_bytes(self.bytes()?)),
+            Kind::U8 | Kind::Enum(_) => Value::U8(u8::from_le_bytes(self.bytes()?)),
             Kind::U16 => Value::U16(u16::from_le_bytes(self.bytes()?)),
             Kind::U32 => Value::U32(u32::from_le_bytes(self.bytes()?)),
             Kind::U64 => Value::U64(u64::from_le_bytes(self.bytes()?)),

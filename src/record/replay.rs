@@ -88,7 +88,7 @@ impl<S: FnMut(&TickRecord, &mut TickRecord)> Replay<S> {
         if !follows && self.gap.is_none() {
             self.gap = Some((self.expected.unwrap_or(0), index));
         }
-        self.expected = Some(index + 1);
+        self.expected = Some(index.saturating_add(1));
         (self.step)(&recorded, &mut self.replayed);
         Ok(Some(Pair { recorded, replayed: &self.replayed, comparable: self.gap.is_none() }))
     }

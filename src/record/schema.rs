@@ -35,7 +35,7 @@ fn fields(shape: &Shape) -> String {
 fn type_name(kind: &Kind) -> String {
     match kind {
         Kind::Bool => "bool".into(),
-        Kind::U8 => "uint8".into(),
+        Kind::U8 | Kind::Enum(_) => "uint8".into(),
         Kind::U16 => "uint16".into(),
         Kind::U32 => "uint32".into(),
         Kind::U64 => "uint64".into(),

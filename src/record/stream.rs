@@ -299,7 +299,7 @@ pub(crate) mod tests {
             Some(match kind {
                 Kind::Bool => Value::Bool(bits & 1 == 1),
                 // Small, so that enumerations and counts are valid.
-                Kind::U8 => Value::U8((bits & 1) as u8),
+                Kind::U8 | Kind::Enum(_) => Value::U8((bits & 1) as u8),
                 Kind::U16 => Value::U16(bits as u16),
                 Kind::U32 => Value::U32(bits as u32),
                 Kind::U64 => Value::U64(bits),

@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 const CHUNK: usize = 2048;
 
 /// Frames that wait at most: three cycles of a full bus.
-const FRAMES_WAITING: usize = 64;
+pub(super) const FRAMES_WAITING: usize = 64;
 /// IMU samples that wait at most.
 const SAMPLES_WAITING: usize = 32;
 
@@ -28,6 +28,8 @@ pub struct Inbox {
     /// Samples of the IMU.
     pub imu: Ring<ImuSample>,
     health: [AtomicU8; BUSES],
+    /// Frames that each wire lost before they could be received.
+    wire_lost: [AtomicU32; BUSES],
     imu_lost: AtomicU32,
     heard: [Pulse; BUSES],
     imu_heard: Pulse,
@@ -39,6 +41,7 @@ impl Default for Inbox {
             frames: std::array::from_fn(|_| Ring::new(FRAMES_WAITING)),
             imu: Ring::new(SAMPLES_WAITING),
             health: Default::default(),
+            wire_lost: Default::default(),
             imu_lost: AtomicU32::new(0),
             heard: Default::default(),
             imu_heard: Pulse::default(),
@@ -54,6 +57,15 @@ impl Inbox {
         self.health.each_ref().map(read)
     }
 
+    /// Frames of each bus lost since start: by the wire's driver, and for want of room on their way.
+    #[must_use]
+    pub fn frames_lost(&self) -> [u32; BUSES] {
+        std::array::from_fn(|bus| {
+            let by_wire = self.wire_lost.get(bus).map_or(0, |n| n.load(Ordering::Relaxed));
+            by_wire.saturating_add(self.frames.get(bus).map_or(0, ring_lost))
+        })
+    }
+
     /// Until when each bus, and the IMU, has been listened to. Read this before what was heard.
     #[must_use]
     pub fn heard_until(&self) -> ([Stamp; BUSES], Stamp) {
@@ -63,8 +75,12 @@ impl Inbox {
     /// IMU messages lost since start.
     #[must_use]
     pub fn imu_lost(&self) -> u32 {
-        self.imu_lost.load(Ordering::Relaxed)
+        self.imu_lost.load(Ordering::Relaxed).saturating_add(ring_lost(&self.imu))
     }
+}
+
+fn ring_lost<T: Copy + Default>(ring: &Ring<T>) -> u32 {
+    u32::try_from(ring.lost()).unwrap_or(u32::MAX)
 }
 
 /// A line of bytes that never waits: a serial device, or a simulated one.
@@ -126,10 +142,13 @@ pub fn serve_bus(bus: usize, wire: &mut dyn Receive, inbox: &Inbox, awaited: &Aw
     };
     let until = wire.complete_until(clock::now());
     while let Some(frame) = wire.receive() {
-        ring.push(&frame);
+        ring.push_newest(&frame);
         awaited.arrived(bus, &frame);
     }
     health.store(wire.health() as u8, Ordering::Relaxed);
+    if let Some(lost) = inbox.wire_lost.get(bus) {
+        lost.store(wire.lost(), Ordering::Relaxed);
+    }
     heard.beat(until);
 }
 
@@ -139,7 +158,7 @@ pub fn serve_imu(imu: &mut ImuPort, inbox: &Inbox, period: Span) {
     let mut batch = ImuBatch::default();
     let until = imu.serve(clock::now(), &mut batch);
     for sample in batch.as_slice() {
-        inbox.imu.push(sample);
+        inbox.imu.push_newest(sample);
     }
     inbox.imu_lost.fetch_max(batch.dropped, Ordering::Relaxed);
     inbox.imu_heard.beat(until);

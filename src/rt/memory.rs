@@ -6,8 +6,10 @@ use std::mem::MaybeUninit;
 
 /// A piece of stack that is touched at a time.
 const PIECE: usize = 16 * 1024;
-/// Left for the frames of the touching itself and of the thread's start.
+/// Left for the thread's start.
 const MARGIN: usize = 64 * 1024;
+/// Left for what each piece takes beside its bytes, as a share of the stack: a sixteenth of a piece is 1 kB.
+const OVERHEAD: usize = 16;
 
 /// Locks all pages, present and future, and keeps the allocator from returning any. False: not granted
 /// (RLIMIT_MEMLOCK or CAP_IPC_LOCK).
@@ -23,7 +25,7 @@ pub fn lock() -> bool {
 
 /// Touches this thread's stack, but for a margin, so that no page of it is missing later.
 pub fn touch_stack(stack_bytes: usize) {
-    touch(stack_bytes.saturating_sub(MARGIN) / PIECE);
+    touch(stack_bytes.saturating_sub(MARGIN + stack_bytes / OVERHEAD) / PIECE);
 }
 
 #[inline(never)]
@@ -46,4 +48,18 @@ pub fn faults_of_this_thread() -> u64 {
         usage.assume_init()
     };
     u64::try_from(usage.ru_minflt + usage.ru_majflt).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 32 MiB overflowed once: the margin was the same for every size.
+    #[test]
+    fn stacks_of_any_size_can_be_touched() {
+        for stack_bytes in [64 * 1024, 512 * 1024, 32 << 20, 64 << 20] {
+            let thread = std::thread::Builder::new().stack_size(stack_bytes.max(256 * 1024));
+            thread.spawn(move || touch_stack(stack_bytes)).unwrap().join().unwrap();
+        }
+    }
 }

@@ -44,6 +44,8 @@ pub struct ImuCounters {
     pub missing: u32,
     /// Samples with a number that is not finite.
     pub not_finite: u32,
+    /// Samples thrown away because newer ones came in the same turn.
+    pub overtaken: u32,
     /// Times that the device kept other settings than asked for.
     pub refused: u32,
 }
@@ -122,7 +124,8 @@ impl ImuReader {
     #[must_use]
     pub fn lost(&self) -> u32 {
         // A damaged message is also missing by the timer: not both.
-        self.counters.missing.max(self.parser.failures).saturating_add(self.counters.not_finite)
+        let lost = self.counters.missing.max(self.parser.failures).saturating_add(self.counters.not_finite);
+        lost.saturating_add(self.counters.overtaken)
     }
 
     /// True while samples come.
@@ -214,7 +217,8 @@ impl ImuReader {
         self.count_missing(sample.device_ticks);
         sample.stamp = self.fit.map(sample.device_ticks, now) - self.line_time;
         if is_finite(&sample) {
-            batch.push(sample);
+            let overtaken = u32::from(!batch.push_newest(sample));
+            self.counters.overtaken = self.counters.overtaken.saturating_add(overtaken);
         } else {
             self.counters.not_finite = self.counters.not_finite.saturating_add(1);
         }
@@ -224,7 +228,9 @@ impl ImuReader {
     fn count_missing(&mut self, ticks: u32) {
         if let Some(last) = self.last_ticks.replace(ticks) {
             let step = ticks.wrapping_sub(last);
-            let samples = (step + self.ticks_per_sample / 2).checked_div(self.ticks_per_sample).unwrap_or(1);
+            // A timer that steps back gives nearly the largest number.
+            let samples =
+                step.saturating_add(self.ticks_per_sample / 2).checked_div(self.ticks_per_sample).unwrap_or(1);
             // Beyond ten seconds the device was restarted.
             if step < 10 * TICKS_PER_S {
                 self.counters.missing = self.counters.missing.saturating_add(samples.saturating_sub(1));
@@ -331,5 +337,24 @@ mod tests {
         for pair in stamps.windows(2) {
             assert!((pair[1] - pair[0] - expected).abs() < 1_000, "{stamps:?}");
         }
+    }
+
+    #[test]
+    fn of_more_samples_than_a_tick_takes_the_newest_are_left_and_the_others_counted() {
+        let (mut reader, mut batch) = streaming();
+        let step = reader.ticks_per_sample;
+        let burst: Vec<u8> = (0..12).flat_map(|k| message(k * step, 0.01 * k as f32)).collect();
+        reader.receive(at_ms(300), &burst, &mut batch);
+        assert_eq!((batch.count, batch.dropped), (8, 4));
+        let ticks: Vec<u32> = batch.as_slice().iter().map(|s| s.device_ticks / step).collect();
+        assert_eq!(ticks, [4, 5, 6, 7, 8, 9, 10, 11]);
+    }
+
+    #[test]
+    fn a_timer_that_steps_back_by_less_than_half_a_sample_is_no_overflow() {
+        let (mut reader, mut batch) = streaming();
+        reader.receive(at_ms(200), &message(1_000, 0.0), &mut batch);
+        reader.receive(at_ms(201), &message(999, 0.0), &mut batch);
+        assert_eq!((batch.count, batch.dropped), (2, 0));
     }
 }

@@ -96,3 +96,12 @@ fn wait_for_sample(inlet: &mut Subscriber<OperatorSample>) {
         std::thread::sleep(Duration::from_millis(2));
     }
 }
+
+#[test]
+fn shared_memory_without_room_is_told_before_it_is_touched() {
+    let needed = needed_bytes(&crate::channel::topic::TICK);
+    assert!(needed > 10 << 20, "half a second of ticks for each of eight readers: {needed}");
+    assert!(check_room("tick", needed, needed).is_ok());
+    let error = check_room("tick", 64 * 1024, needed).unwrap_err().to_string();
+    assert!(error.contains("/dev/shm has 0 MiB of room") && error.contains("channel tick"), "{error}");
+}

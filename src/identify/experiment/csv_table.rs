@@ -107,8 +107,9 @@ impl Table {
             };
             wrong.push(format!("{}: row 1: {what}", self.file));
         }
-        for (i, name) in self.names.iter().enumerate() {
-            if self.names[..i].contains(name) {
+        let mut seen = HashSet::with_capacity(self.names.len());
+        for name in &self.names {
+            if !seen.insert(name) {
                 wrong.push(format!("{}: row 1: column `{name}` stands twice, rename one", self.file));
             }
         }
