@@ -1,5 +1,7 @@
 //! A CSV file as columns of numbers, strictly. RT: no.
 
+use std::collections::HashSet;
+
 /// Columns of a CSV file; empty cells are NaN.
 #[derive(Clone, Debug)]
 pub struct Table {
