@@ -26,7 +26,7 @@ Examples:
   compass replay REC --check --from-estimates    the controller alone, on the recorded estimates
   compass replay REC --set control.friction_compensation=0    what it would have done
 
-Exit codes: 0 alike, 1 a difference or ticks that could not be compared, 3 not readable.")]
+Exit codes: 0 alike, 1 a difference, ticks that could not be compared or a damaged file, 3 not readable.")]
 pub(crate) struct Args {
     /// The recording
     #[arg(value_name = "REC")]
@@ -56,7 +56,7 @@ impl Run for Args {
         let mut replay = Replay::new(Reader::open(&self.recording)?, self.step(&resolved.config)?);
         if self.check {
             let found = replay.compare()?;
-            return Ok(report(&found, replay.ending())?);
+            return Ok(report(&found, replay.ending(), replay.broken_ticks())?);
         }
         let mut feed = Paced { replay, speed: self.speed, start: None, next: None, differing: 0, error: None };
         telemetry::run(&resolved.config, &mut feed, &AtomicBool::new(false))?;
@@ -95,7 +95,7 @@ fn tell(line: &str) -> io::Result<()> {
     writeln!(io::stderr(), "compass: {line}")
 }
 
-fn report(found: &Comparison, ending: Option<Ending>) -> io::Result<Outcome> {
+fn report(found: &Comparison, ending: Option<Ending>, broken: u64) -> io::Result<Outcome> {
     let mut out = io::stdout().lock();
     writeln!(out, "{} ticks alike to the bit", found.alike)?;
     if let Some(difference) = &found.difference {
@@ -107,10 +107,17 @@ fn report(found: &Comparison, ending: Option<Ending>) -> io::Result<Outcome> {
     if found.not_compared > 0 {
         writeln!(out, "{} ticks not compared", found.not_compared)?;
     }
-    if let Some(Ending::Torn { at } | Ending::Damaged { at }) = ending {
-        writeln!(out, "the file ends in the middle, at byte {at}")?;
+    match ending {
+        Some(Ending::Whole) => {}
+        Some(Ending::Torn { at }) => writeln!(out, "the file ends in the middle, at byte {at}")?,
+        Some(Ending::Damaged { at }) => writeln!(out, "the file is damaged from byte {at} on")?,
+        None => writeln!(out, "the file was not read to its end")?,
     }
-    let fine = found.difference.is_none() && found.not_compared == 0 && found.alike > 0;
+    if broken > 0 {
+        writeln!(out, "{broken} ticks could not be read")?;
+    }
+    let whole = ending == Some(Ending::Whole) && broken == 0;
+    let fine = whole && found.difference.is_none() && found.not_compared == 0 && found.alike > 0;
     Ok(if fine { Outcome::Fine } else { Outcome::Finding })
 }
 

@@ -9,6 +9,7 @@ mod wiring;
 
 use super::config_args::ConfigArgs;
 use super::{Outcome, Run, UsageError};
+use crate::bus::socketcan::master::MasterLock;
 use crate::config::Resolved;
 use crate::config::checked::Config;
 use crate::rt::process::{self, Parts, Running, Summary};
@@ -28,6 +29,7 @@ use view::View;
 Examples:
   compass run                                          the simulated robot balances until Ctrl-C
   compass run --for 30s --record log                   and is recorded
+  compass run --record /var/lib/compass --keep 100GB   the oldest recordings go when the folder is full
   compass run --config /etc/compass                    a robot's own configuration
   compass run --config /etc/compass --record log       real buses, IMU and dead-man switch are named there
 
@@ -46,6 +48,9 @@ pub(crate) struct Args {
     /// Records everything into this folder; the ticks around a fault go to its folder `flight`
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
+    /// What the recordings in that folder may take, such as 100GB: a new file is begun in time and the oldest are removed
+    #[arg(long, value_name = "SIZE", value_parser = size, requires = "record")]
+    keep: Option<u64>,
     /// Name of the robot in its channels, by which other processes find it
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
@@ -65,14 +70,31 @@ pub(super) fn duration(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(number * seconds_per_unit).map_err(|_| "must be 0 or more and below an age".into())
 }
 
+/// A number of bytes with a unit: MB, GB, TB.
+fn size(text: &str) -> Result<u64, String> {
+    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit: u64 = match &text[digits.len()..] {
+        "MB" => 1_000_000,
+        "GB" => 1_000_000_000,
+        "TB" => 1_000_000_000_000,
+        _ => return Err("must be a whole number with MB, GB or TB, such as 100GB".into()),
+    };
+    let number: u64 = digits.parse().map_err(|_| "must begin with a whole number, such as 100GB".to_owned())?;
+    let bytes = number.checked_mul(unit).ok_or("is more than there is")?;
+    if bytes < LEAST_KEPT { Err("must be 100MB or more: a minute and a half".into()) } else { Ok(bytes) }
+}
+
+/// Less would remove what was recorded a minute ago.
+const LEAST_KEPT: u64 = 100_000_000;
+
 impl Run for Args {
     fn run(mut self) -> anyhow::Result<Outcome> {
         self.config.overrides.extend(self.controller.iter().map(|name| format!("control.controller={name}")));
         let resolved = self.config.load()?;
         let stop = Stop::on_signals().context("signal handlers")?;
-        let archive = Arc::new(Archive::open(self.record.as_deref(), &resolved)?);
+        let archive = Arc::new(Archive::open(self.record.as_deref(), self.keep, &resolved)?);
         let robot = self.name.clone().unwrap_or_else(|| default_name(&resolved.config));
-        let Assembled { running, mock, refusals } = assemble(&resolved, &robot, &archive, &stop)?;
+        let Assembled { running, mock, refusals, locks } = assemble(&resolved, &robot, &archive, &stop)?;
         let watcher = supervise::spawn(running.progress(), stop.clone(), self.run_for)?;
         let view = View::start(&view::Parts {
             config: &resolved.config,
@@ -84,7 +106,7 @@ impl Run for Args {
         })?;
         // A signal, the time, a person at the view or a panic ends it; the view itself does not.
         let summary = running.wait();
-        drop(mock);
+        drop((mock, locks));
         if watcher.join().is_err() {
             anyhow::bail!("the supervising thread failed");
         }
@@ -106,12 +128,13 @@ struct Assembled {
     running: Running,
     mock: Option<mock::MockRobot>,
     refusals: Option<Arc<Refusals>>,
+    locks: Vec<MasterLock>,
 }
 
 fn assemble(resolved: &Resolved, robot: &str, archive: &Archive, stop: &Stop) -> anyhow::Result<Assembled> {
     let config = &resolved.config;
     let tick = Tick::new(config).map_err(|error| UsageError(error.to_string()))?;
-    let wiring = wiring::open(config)?;
+    let wiring = wiring::open(config, robot)?;
     let (stop_frames, refusals) = (tick.stop_frames(), wiring.hand.refusals());
     let parts = Parts {
         config: config.clone(),
@@ -126,7 +149,7 @@ fn assemble(resolved: &Resolved, robot: &str, archive: &Archive, stop: &Stop) ->
         stop: stop.clone(),
     };
     let mock = wiring.mock.map(mock::MockRobot::start).transpose()?;
-    Ok(Assembled { running: process::start(tick, parts)?, mock, refusals })
+    Ok(Assembled { running: process::start(tick, parts)?, mock, refusals, locks: wiring.locks })
 }
 
 /// How the run ended. Letting the switch go is the ordinary end of it; anything else that was latched is a finding.

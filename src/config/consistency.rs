@@ -5,6 +5,7 @@ use super::checked::{
 };
 use super::problem::Problem;
 use super::reader::Log;
+use super::robot::DRIVE_KEYS;
 use crate::base::can_time::{BitRates, FrameKind};
 use crate::base::time::Span;
 use crate::msg::{Drive, Leg};
@@ -21,6 +22,8 @@ pub(super) fn check(config: &Config, log: &Log) {
     hip_torque(&config.robot, log);
     backends(&config.robot, log);
     start_on_ground(config, log);
+    safety_times(config, log);
+    watchdogs(config, log);
     for bus in 0..config.robot.buses.len() {
         bus_load(config, bus, log);
     }
@@ -46,6 +49,49 @@ fn start_on_ground(config: &Config, log: &Log) {
             1e3 * depth_m
         );
         log.error(problem("sim.initial_angle_rad", what));
+    }
+}
+
+/// Times that are possible, and so long that they protect nobody: seconds on which a motor runs on after its reason is gone.
+fn safety_times(config: &Config, log: &Log) {
+    let warn = |key: &str, span: Span, most_ms: i64, why: &str| {
+        if span > Span::from_ms(most_ms) {
+            let what = format!("{} ms is longer than the {most_ms} ms that make sense: {why}", span.as_s() * 1e3);
+            log.warn(problem(key, what));
+        }
+    };
+    let limits = &config.robot.limits;
+    warn("robot.limits.operator_age_ms", limits.operator_age, 150, "so long torque goes on when the hand's link dies");
+    warn("robot.limits.imu_age_ms", limits.imu_age, 50, "the legs fall on in that time");
+    warn("robot.limits.drive_age_ms", limits.drive_age, 20, "the hip's angle is that old");
+    warn("rt.period_us", config.real_time.period, 10, "no controller of ours balances so slowly");
+    for (drive, settings) in DRIVE_KEYS.iter().zip(&config.robot.drives) {
+        let key = |name: &str| format!("robot.drives.{drive}.{name}");
+        warn(&key("watchdog_ms"), settings.watchdog, 100, "so long a drive follows a controller that is dead");
+        warn(&key("heartbeat_ms"), settings.heartbeat, 200, "three of them pass before a silent drive is noticed");
+    }
+    if limits.overruns_per_s > 200 {
+        let what =
+            format!("{} skipped periods in a second are let pass: the loop is not in time then", limits.overruns_per_s);
+        log.warn(problem("robot.limits.overruns_per_s", what));
+    }
+}
+
+/// The master's heartbeat goes out four times in the shortest watchdog, and at most once in a round of SYNCs.
+fn watchdogs(config: &Config, log: &Log) {
+    for bus in 0..config.robot.buses.len() {
+        let on_bus = || config.robot.drives.iter().filter(|drive| drive.bus == bus);
+        let Some(watchdog) = on_bus().map(|drive| drive.watchdog).min() else { continue };
+        let divisor = on_bus().map(|drive| drive.sync_divisor).max().unwrap_or(1);
+        let round = Span(config.real_time.period.0.saturating_mul(i64::from(divisor)));
+        if round.0.saturating_mul(2) > watchdog.0 {
+            let what = format!(
+                "the shortest watchdog is {} ms, and commands and our heartbeat come every {} ms: two must fit",
+                watchdog.as_s() * 1e3,
+                round.as_s() * 1e3
+            );
+            log.error(problem(&format!("robot.bus{bus}, rt.period_us"), what));
+        }
     }
 }
 

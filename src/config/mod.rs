@@ -30,6 +30,7 @@ use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::fs;
+use std::io::{self, Read};
 use std::path::Path;
 
 pub use problem::{Errors, Problem};
@@ -139,7 +140,7 @@ impl Typed {
 
     fn add_file(&mut self, path: &Path) {
         let name = path.display().to_string();
-        let text = match fs::read_to_string(path) {
+        let text = match read_bounded(path) {
             Ok(text) => text,
             Err(error) => return self.complain(path, &format!("cannot be read: {error}")),
         };
@@ -277,6 +278,18 @@ impl Typed {
             }
         }
     }
+}
+
+/// A configuration has some kB. A device or a file of any length must not fill the memory.
+const LONGEST_FILE: u64 = 4 << 20;
+
+fn read_bounded(path: &Path) -> io::Result<String> {
+    let mut text = String::new();
+    fs::File::open(path)?.take(LONGEST_FILE + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > LONGEST_FILE {
+        return Err(io::Error::other(format!("longer than {} MiB: no configuration", LONGEST_FILE >> 20)));
+    }
+    Ok(text)
 }
 
 fn sha256(text: &str) -> String {

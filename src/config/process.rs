@@ -7,6 +7,9 @@ use crate::msg::Leg;
 
 pub(super) const LEGS: &[(&str, Leg)] = &[("inner", Leg::Inner), ("outer", Leg::Outer)];
 
+/// Of the flight recorder: 60 s at 1 kHz, a quarter of a gigabyte, which is locked.
+const MOST_FLIGHT_TICKS: i64 = 60_000;
+
 pub(super) fn real_time(r: &Reader<'_>) -> RealTime {
     const TRIGGERS: &[(&str, Trigger)] = &[("timer", Trigger::Timer), ("input", Trigger::Input)];
     const INPUTS: &[(&str, Input)] = &[("threads", Input::Threads), ("inline", Input::Inline), ("busy", Input::Busy)];
@@ -23,7 +26,7 @@ pub(super) fn real_time(r: &Reader<'_>) -> RealTime {
         imu,
         lock_memory: r.flag("lock_memory"),
         hold_cpu_awake: r.flag("hold_cpu_awake"),
-        flight_recorder_ticks: r.integer("flight_recorder_ticks", 1, 1_000_000, "ticks"),
+        flight_recorder_ticks: r.integer("flight_recorder_ticks", 1, MOST_FLIGHT_TICKS, "ticks"),
     };
     // A period of 0 is the placeholder of one that was told already.
     if timing.period > Span::ZERO && timing.input_deadline >= timing.period {

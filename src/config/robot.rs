@@ -8,15 +8,15 @@ use super::drive::drive;
 use super::reader::{Reader, range};
 use std::f64::consts::{PI, TAU};
 
+/// In the order of `msg::Drive`.
+pub(super) const DRIVE_KEYS: [&str; 5] = ["hip", "inner_toe_a", "inner_toe_b", "outer_toe_a", "outer_toe_b"];
+
 pub(super) fn robot(r: &Reader<'_>) -> Robot {
     Robot {
         model: r.table("model", model),
         hip: r.table("hip", hip),
         toe: r.table("toe", toe),
-        drives: r.table("drives", |d| {
-            // In the order of `msg::Drive`.
-            ["hip", "inner_toe_a", "inner_toe_b", "outer_toe_a", "outer_toe_b"].map(|name| d.table(name, drive))
-        }),
+        drives: r.table("drives", |d| DRIVE_KEYS.map(|name| d.table(name, drive))),
         buses: [r.table("bus0", bus), r.table("bus1", bus)],
         imu: r.table("imu", imu),
         limits: r.table("limits", limits),

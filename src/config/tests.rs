@@ -98,6 +98,34 @@ fn real_buses_want_a_real_hand_and_a_real_imu_but_the_simulated_robot_does_not()
 }
 
 #[test]
+fn times_that_protect_nobody_are_told() {
+    let warned = |key_value: &str| {
+        let resolved = set(&[key_value]).unwrap();
+        resolved.warnings.iter().map(|w| w.key.clone()).collect::<Vec<_>>()
+    };
+    for key_value in [
+        "robot.drives.hip.watchdog_ms=1000",
+        "robot.drives.outer_toe_b.heartbeat_ms=65535",
+        "robot.limits.operator_age_ms=1000",
+        "robot.limits.imu_age_ms=1000",
+        "robot.limits.drive_age_ms=1000",
+        "robot.limits.overruns_per_s=1000",
+    ] {
+        let (key, _) = key_value.split_once('=').unwrap();
+        assert!(warned(key_value).iter().any(|w| *w == key), "{key_value}: {:?}", warned(key_value));
+    }
+    let slow = errors(&["rt.period_us=1000000", "rt.input_deadline_us=600"]);
+    assert!(slow.iter().any(|e| e.contains("two must fit")), "{slow:?}");
+    assert!(errors(&["rt.flight_recorder_ticks=1000000"])[0].contains("1 to 60000"));
+}
+
+#[test]
+fn a_file_without_end_is_no_configuration() {
+    let error = load(Some(Path::new("/dev/zero")), &[]).unwrap_err().to_string();
+    assert!(error.contains("longer than 4 MiB"), "{error}");
+}
+
+#[test]
 fn command_line_goes_last_and_needs_no_quotes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("f.toml");

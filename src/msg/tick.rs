@@ -26,6 +26,8 @@ message! {
         pub real_time_missing: u32,
         /// Shut-down was asked for: zero torque, disable.
         pub stop_requested: bool,
+        /// The frames of the tick before were not sent to this bus: they would have been old when they got there.
+        pub unsent: [bool; BUSES],
         /// Health of each bus as its I/O thread sees it.
         pub bus_health: [BusHealth; BUSES],
         /// What came over each bus before this time has been received: until then somebody has listened.
@@ -58,6 +60,8 @@ message! {
         pub real_time_missing: u32,
         /// Shut-down was asked for.
         pub stop_requested: bool,
+        /// The frames of the tick before were not sent, by bus.
+        pub unsent: [bool; BUSES],
         /// Health of each bus.
         pub bus_health: [BusHealth; BUSES],
         /// Until when somebody has listened to each bus.

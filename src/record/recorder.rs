@@ -26,6 +26,8 @@ const QUEUE_TICKS: usize = 4096;
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
 /// Sleep of the thread when nothing waits; a wake-up by the loop would cost the loop a system call.
 const POLL: Duration = Duration::from_millis(5);
+/// A folder with a cap holds at least so many files, so that the oldest can go.
+const PAGES: u64 = 8;
 /// First pause after trouble with the disk.
 const RETRY_FIRST: Duration = Duration::from_secs(2);
 /// Longest pause.
@@ -83,23 +85,32 @@ impl Recorder {
     /// # Errors
     /// See [`RecordError`].
     pub fn start(folder: &Path, resolved: &Resolved) -> Result<Self, RecordError> {
+        Self::start_keeping(folder, resolved, None)
+    }
+
+    /// The same; with `keep_bytes` a new file is begun whenever the present one has an eighth of that, and the oldest
+    /// recordings of the folder are removed until all of them take no more.
+    ///
+    /// # Errors
+    /// See [`RecordError`].
+    pub fn start_keeping(folder: &Path, resolved: &Resolved, keep_bytes: Option<u64>) -> Result<Self, RecordError> {
         let place = || folder.to_owned();
         let shelf = Folder::new(folder).map_err(|source| RecordError::Folder { folder: place(), source })?;
-        Self::start_on(Box::new(shelf), Identity::new(resolved)).map_err(|error| match error {
+        Self::start_on(Box::new(shelf), Identity::new(resolved), keep_bytes).map_err(|error| match error {
             StartError::Begin(McapError::Io(source)) => RecordError::Folder { folder: place(), source },
             StartError::Begin(source) => RecordError::Begin { folder: place(), source },
             StartError::Thread(source) => RecordError::Thread(source),
         })
     }
 
-    fn start_on(shelf: Box<dyn Shelf>, identity: Identity) -> Result<Self, StartError> {
+    fn start_on(shelf: Box<dyn Shelf>, identity: Identity, keep_bytes: Option<u64>) -> Result<Self, StartError> {
         let shared = Arc::new(Shared {
             queue: ArrayQueue::new(QUEUE_TICKS),
             overflowed: AtomicU64::new(0),
             stop: AtomicBool::new(false),
             told: Mutex::default(),
         });
-        let mut worker = Worker::new(shared.clone(), shelf, identity);
+        let mut worker = Worker { keep_bytes, ..Worker::new(shared.clone(), shelf, identity) };
         worker.begin().map_err(StartError::Begin)?;
         worker.tell();
         let thread =
@@ -191,6 +202,8 @@ struct Worker {
     flush_due: Instant,
     retry_due: Instant,
     pause: Duration,
+    /// What the folder's recordings may take.
+    keep_bytes: Option<u64>,
 }
 
 impl Worker {
@@ -208,6 +221,7 @@ impl Worker {
             flush_due: Instant::now() + FLUSH_PERIOD,
             retry_due: Instant::now(),
             pause: RETRY_FIRST,
+            keep_bytes: None,
         }
     }
 
@@ -258,9 +272,28 @@ impl Worker {
             self.try_again();
         } else if self.file.is_some() && now >= self.flush_due {
             self.flush_due = now + FLUSH_PERIOD;
-            if let Err(error) = self.flush() {
+            if let Err(error) = self.flush().and_then(|()| self.turn_page()) {
                 self.fail(&error);
             }
+        }
+    }
+
+    /// Begins another file when the present one is large, and removes the oldest ones.
+    fn turn_page(&mut self) -> Result<(), McapError> {
+        let Some(keep_bytes) = self.keep_bytes else { return Ok(()) };
+        if self.status.bytes >= keep_bytes / PAGES {
+            self.file.take().map(LogFile::finish).transpose()?;
+            self.begin()?;
+        }
+        self.prune(keep_bytes);
+        Ok(())
+    }
+
+    /// Leaves room for the file that grows.
+    fn prune(&mut self, keep_bytes: u64) {
+        let removed = self.shelf.prune(keep_bytes - keep_bytes / PAGES, &self.path);
+        if removed > 0 {
+            self.notices.push(format!("recorder: {removed} of the oldest recordings removed, as --keep asks"));
         }
     }
 
@@ -284,16 +317,18 @@ impl Worker {
     /// Opens the next file and makes sure that the disk takes it.
     fn begin(&mut self) -> Result<(), McapError> {
         let (path, storage) = self.shelf.open(self.status.files + 1)?;
-        self.file = match LogFile::create(storage, &self.identity) {
-            Ok(file) => Some(file),
-            Err(error) => {
-                self.shelf.discard(&path);
-                return Err(error);
+        let before = std::mem::replace(&mut self.path, path);
+        let result = LogFile::create(storage, &self.identity).and_then(|file| {
+            self.file = Some(file);
+            self.flush()
+        });
+        if let Err(error) = result {
+            // Nothing of use is in it: the one before stays the recording that is told.
+            if let Some(file) = self.file.take() {
+                file.abandon();
             }
-        };
-        self.path = path;
-        if let Err(error) = self.flush() {
-            self.give_up_file();
+            self.shelf.discard(&self.path);
+            self.path = before;
             return Err(error);
         }
         self.status.files += 1;
@@ -303,6 +338,9 @@ impl Worker {
     }
 
     fn try_again(&mut self) {
+        if let Some(keep_bytes) = self.keep_bytes {
+            self.prune(keep_bytes);
+        }
         match self.begin() {
             Ok(()) => {
                 let lost = self.status.dropped;
@@ -320,7 +358,12 @@ impl Worker {
             _ => RecorderState::DiskError,
         };
         let safe = self.status.written;
-        self.notices.push(format!("recorder: {}: {error}; {safe} ticks are safe, trying again", self.path.display()));
+        // The library's own words for it name everything but the cause.
+        let cause = match error {
+            McapError::Io(io) => io.to_string(),
+            other => other.to_string(),
+        };
+        self.notices.push(format!("recorder: {}: {cause}; {safe} ticks are safe, trying again", self.path.display()));
         self.give_up_file();
         self.wait_longer();
     }

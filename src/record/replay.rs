@@ -111,6 +111,12 @@ impl<S: FnMut(&TickRecord, &mut TickRecord)> Replay<S> {
         Ok(found)
     }
 
+    /// Ticks of which something was missing or damaged.
+    #[must_use]
+    pub fn broken_ticks(&self) -> u64 {
+        self.reader.broken_ticks()
+    }
+
     /// How the file ends, once nothing more comes.
     #[must_use]
     pub const fn ending(&self) -> Option<Ending> {

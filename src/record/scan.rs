@@ -1,8 +1,9 @@
 //! Walks over the records of an MCAP file, also of one that was torn by a kill or a power cut. RT: no.
 //!
 //! Our chunks are not compressed, so their content is a run of records like any other: the walk goes into a chunk
-//! after its head and needs no special case for a chunk whose end is missing. Chunk sums are not checked, because a
-//! torn chunk has none. `mcap`'s own readers give a torn chunk up as a whole.
+//! after its head and needs no special case for a chunk whose end is missing. The sum of a chunk that is there as a whole
+//! is checked before anything of it is believed, and the sum of all data at the end of the file; a torn chunk is read
+//! without. `mcap`'s own readers give a torn chunk up as a whole.
 
 use std::io::{self, ErrorKind, Read};
 
@@ -83,9 +84,44 @@ pub enum Ending {
     },
 }
 
+/// The bytes of a file; those of a chunk that was looked at as a whole come from memory.
+struct Bytewise<R> {
+    source: R,
+    chunk: Vec<u8>,
+    taken: usize,
+    /// Of all that was read from the source.
+    sum: crc32fast::Hasher,
+}
+
+impl<R: Read> Bytewise<R> {
+    /// Reads so many bytes of a chunk ahead. Their sum, if all of them are there.
+    fn look_ahead(&mut self, length: u64) -> io::Result<Option<u32>> {
+        self.chunk.clear();
+        self.taken = 0;
+        let count = (&mut self.source).take(length).read_to_end(&mut self.chunk)?;
+        self.sum.update(&self.chunk);
+        Ok((count as u64 == length).then(|| crc32fast::hash(&self.chunk)))
+    }
+}
+
+impl<R: Read> Read for Bytewise<R> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let ahead = &self.chunk[self.taken..];
+        if !ahead.is_empty() {
+            let count = ahead.len().min(bytes.len());
+            bytes[..count].copy_from_slice(&ahead[..count]);
+            self.taken += count;
+            return Ok(count);
+        }
+        let count = self.source.read(bytes)?;
+        self.sum.update(&bytes[..count]);
+        Ok(count)
+    }
+}
+
 /// The walk.
 pub struct Scan<R> {
-    source: R,
+    source: Bytewise<R>,
     at: u64,
     body: Vec<u8>,
     ending: Option<Ending>,
@@ -96,7 +132,8 @@ impl<R: Read> Scan<R> {
     ///
     /// # Errors
     /// When the file cannot be read.
-    pub fn new(mut source: R) -> io::Result<Option<Self>> {
+    pub fn new(source: R) -> io::Result<Option<Self>> {
+        let mut source = Bytewise { source, chunk: Vec::new(), taken: 0, sum: crc32fast::Hasher::new() };
         let mut magic = [0; MAGIC.len()];
         match source.read_exact(&mut magic) {
             Ok(()) if magic == MAGIC => {}
@@ -122,10 +159,12 @@ impl<R: Read> Scan<R> {
             return Ok(None);
         }
         let start = self.at;
+        let before = self.source.sum.clone().finalize();
         let Some(op) = self.read_body(start)? else { return Ok(None) };
         match parse(op, &self.body) {
             Some(Record::DataEnd) => {
-                self.ending = Some(Ending::Whole);
+                let whole = sum_agrees(self.body.first_chunk(), before);
+                self.ending = Some(if whole { Ending::Whole } else { Ending::Damaged { at: start } });
                 Ok(None)
             }
             Some(record) => Ok(Some(record)),
@@ -144,7 +183,7 @@ impl<R: Read> Scan<R> {
             return self.end(Ending::Damaged { at: start });
         }
         if op == op::CHUNK {
-            return match self.read_chunk_head()? {
+            return match self.read_chunk_head(length)? {
                 true => Ok(Some(op::CHUNK)),
                 false => Ok(None),
             };
@@ -162,7 +201,7 @@ impl<R: Read> Scan<R> {
     }
 
     /// Times, size, sum; compression, which must be none; size.
-    fn read_chunk_head(&mut self) -> io::Result<bool> {
+    fn read_chunk_head(&mut self, length: u64) -> io::Result<bool> {
         let start = self.at;
         self.body.clear();
         let Some(fixed) = self.read::<32>()? else { return self.end(Ending::Torn { at: start }).map(|_| false) };
@@ -170,10 +209,17 @@ impl<R: Read> Scan<R> {
             // A compressed chunk: not one of our recordings.
             return self.end(Ending::Damaged { at: start }).map(|_| false);
         }
-        match self.read::<8>()? {
-            Some(_) => Ok(true),
-            None => self.end(Ending::Torn { at: start }).map(|_| false),
+        let Some(size) = self.read::<8>()?.map(u64::from_le_bytes) else {
+            return self.end(Ending::Torn { at: start }).map(|_| false);
+        };
+        if size > LONGEST || size.saturating_add(CHUNK_HEAD) != length {
+            return self.end(Ending::Damaged { at: start }).map(|_| false);
         }
+        let sum = self.source.look_ahead(size)?;
+        if sum.is_some_and(|sum| !sum_agrees(fixed.get(24..).and_then(|f| f.first_chunk()), sum)) {
+            return self.end(Ending::Damaged { at: start }).map(|_| false);
+        }
+        Ok(true)
     }
 
     fn read<const N: usize>(&mut self) -> io::Result<Option<[u8; N]>> {
@@ -192,6 +238,14 @@ impl<R: Read> Scan<R> {
         self.ending = Some(ending);
         Ok(None)
     }
+}
+
+/// Bytes of a chunk before its records: times, size, sum, compression, size.
+const CHUNK_HEAD: u64 = 40;
+
+/// A sum as it stands in the file; 0 = there is none.
+fn sum_agrees(stored: Option<&[u8; 4]>, sum: u32) -> bool {
+    stored.is_some_and(|stored| matches!(u32::from_le_bytes(*stored), 0) || u32::from_le_bytes(*stored) == sum)
 }
 
 /// Numbers of the records (MCAP specification, "Records").

@@ -44,6 +44,11 @@ pub trait Shelf: Send {
     fn open(&mut self, part: u32) -> io::Result<(PathBuf, Box<dyn Storage>)>;
     /// Removes a file that holds nothing of use.
     fn discard(&mut self, path: &Path);
+    /// Removes the oldest recordings until those that are left take at most so many bytes; never the present one.
+    /// Their number.
+    fn prune(&mut self, _keep_bytes: u64, _present: &Path) -> u32 {
+        0
+    }
 }
 
 /// Bytes that an ordinary process may still write to the disk of this folder.
@@ -100,6 +105,37 @@ impl Shelf for Folder {
         // It holds nothing; if it stays, `inspect` says so.
         drop(fs::remove_file(path));
     }
+
+    fn prune(&mut self, keep_bytes: u64, present: &Path) -> u32 {
+        let mut recordings = recordings(&self.folder);
+        let mut total: u64 = recordings.iter().map(|(_, _, bytes)| bytes).sum();
+        recordings.sort();
+        let mut removed = 0;
+        for (_, path, bytes) in recordings {
+            if total <= keep_bytes {
+                break;
+            }
+            if path != present && fs::remove_file(&path).is_ok() {
+                total -= bytes;
+                removed += 1;
+            }
+        }
+        removed
+    }
+}
+
+/// Our recordings in a folder: when they were written last, where, and how large they are.
+fn recordings(folder: &Path) -> Vec<(SystemTime, PathBuf, u64)> {
+    let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
+    let ours = |path: &Path| {
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        name.starts_with("compass-") && name.ends_with(".mcap")
+    };
+    let described = |path: PathBuf| {
+        let metadata = fs::symlink_metadata(&path).ok().filter(fs::Metadata::is_file)?;
+        Some((metadata.modified().ok()?, path, metadata.len()))
+    };
+    entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| ours(path)).filter_map(described).collect()
 }
 
 /// Seconds since 1970 as `2026-11-20T23-41-24Z` (no colons: every file system takes it).
@@ -194,5 +230,25 @@ mod tests {
         let names: Vec<_> = (0..3).map(|_| shelf.open(1).unwrap().0).collect();
         assert!(names[0] != names[1] && names[1] != names[2]);
         assert!(shelf.open(2).unwrap().0.display().to_string().ends_with("Z-2.mcap"));
+    }
+
+    #[test]
+    fn the_oldest_recordings_go_and_nothing_else_does() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut shelf = Folder::new(folder.path()).unwrap();
+        let write = |name: &str, age_s: u64| {
+            let path = folder.path().join(name);
+            fs::write(&path, [0; 1000]).unwrap();
+            let file = File::options().write(true).open(&path).unwrap();
+            file.set_modified(SystemTime::now() - std::time::Duration::from_secs(age_s)).unwrap();
+            path
+        };
+        let [old, middle, present] =
+            [write("compass-a.mcap", 300), write("compass-b.mcap", 200), write("compass-c.mcap", 400)];
+        let others = [write("notes.txt", 999), write("other.mcap", 999)];
+        assert_eq!(shelf.prune(2_000, &present), 1);
+        assert!(!old.exists() && middle.exists() && present.exists() && others.iter().all(|path| path.exists()));
+        assert_eq!(shelf.prune(0, &present), 1);
+        assert!(present.exists(), "the one that is being written stays");
     }
 }

@@ -114,6 +114,7 @@ fn head(record: &TickRecord) -> TickHead {
         skipped: input.skipped,
         real_time_missing: input.real_time_missing,
         stop_requested: input.stop_requested,
+        unsent: input.unsent,
         bus_health: input.bus_health,
         heard_until: input.heard_until,
         imu_heard_until: input.imu_heard_until,
@@ -274,6 +275,7 @@ fn unfold(head: &TickHead, record: &mut TickRecord) {
     input.skipped = head.skipped;
     input.real_time_missing = head.real_time_missing;
     input.stop_requested = head.stop_requested;
+    input.unsent = head.unsent;
     input.bus_health = head.bus_health;
     input.heard_until = head.heard_until;
     input.imu_heard_until = head.imu_heard_until;

@@ -114,8 +114,14 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
     fn act(&mut self, desk: &mut Desk) {
         let begin = clock::now();
         self.walk.step(&desk.input, &mut desk.record);
-        for ((wire, frames), down) in self.wires.iter_mut().zip(&desk.record.output.send).zip(&mut desk.link_down) {
+        let wires = self.wires.iter_mut().zip(&desk.record.output.send).zip(&mut desk.link_down);
+        for (((wire, frames), down), unsent) in wires.zip(&mut desk.input.unsent) {
             *down = false;
+            // Preempted on the way: what was decided a period ago is not sent any more; the next tick decides anew.
+            *unsent = clock::now().since(begin) > self.timing.period;
+            if *unsent {
+                continue;
+            }
             for frame in frames {
                 *down |= self.progress.sent(wire.send(&frame.frame));
             }

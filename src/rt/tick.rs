@@ -62,6 +62,11 @@ impl Tick {
     /// Receives, looks, estimates, chooses a torque, limits it, splits it, and says what to send.
     pub fn step(&mut self, input: &TickInput, tick: &mut TickRecord) {
         tick.input = *input;
+        for (line, unsent) in self.lines.iter_mut().zip(input.unsent) {
+            if unsent {
+                line.take_back();
+            }
+        }
         let heard = input.received.iter().zip(input.bus_health).zip(input.heard_until);
         for (line, ((frames, health), until)) in self.lines.iter_mut().zip(heard) {
             line.receive(input.now, until, frames, health, &mut tick.feedback);

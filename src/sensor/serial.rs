@@ -2,6 +2,8 @@
 
 #![expect(unsafe_code, reason = "the low-latency flag has no safe wrapper in our dependencies")]
 
+pub mod replug;
+
 use serialport::{SerialPort, TTYPort};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};

@@ -1,7 +1,7 @@
 //! The master of a bus against the simulated drives: whole walks over the wire.
 
 use super::*;
-use crate::bus::canopen::Node;
+use crate::bus::canopen::{Emergency, Message, Node};
 use crate::bus::cia402::State;
 use crate::bus::line::{Line, SetupFault};
 use crate::config;
@@ -321,6 +321,67 @@ fn after_a_bus_without_power_no_old_torque_reaches_a_motor() {
     w.command(DriveGoal::Enabled, 0);
     w.until(200, |w| w.all(DriveState::Enabled));
     assert_eq!(w.lines[0].counters().stalls, 1);
+}
+
+#[test]
+fn a_release_on_a_jammed_bus_follows_the_frame_in_flight_at_once_and_only_once() {
+    let mut w = Walk::enabled();
+    w.command(DriveGoal::Enabled, 500);
+    for _ in 0..50 {
+        w.tick();
+    }
+    w.plant.set_bus_silent(0, true);
+    w.tick();
+    w.tick();
+    assert!(w.hip_torques_sent().is_empty(), "a command is in flight, and the next would only pile up");
+    w.command(DriveGoal::Disabled, 0);
+    w.tick();
+    assert_eq!(w.hip_torques_sent(), [0], "it does not wait for the drive's own watchdog");
+    for _ in 0..5 {
+        w.tick();
+        assert!(w.hip_torques_sent().is_empty());
+    }
+}
+
+#[test]
+fn an_emergency_whose_end_is_never_told_does_not_block_for_ever() {
+    let mut w = Walk::enabled();
+    w.command(DriveGoal::Ready, 0);
+    let node = Node::new(w.config.robot.drives[0].node).unwrap();
+    let cry = Message::Emergency(node, Emergency { code: 0x3210, register: 1, maker: [0; 5] }).emit();
+    w.tick();
+    let mut frames = FrameBatch::default();
+    frames.push(BusFrame::theirs(w.plant.now(), cry));
+    let now = w.plant.now();
+    w.lines[0].receive(now, now, &frames, BusHealth::Active, &mut w.feedbacks);
+    assert_eq!(w.feedbacks.drives[0].error_code, 0x3210);
+    w.until(2_100, |w| w.feedbacks.drives[0].error_code == 0);
+}
+
+#[test]
+fn frames_that_were_not_sent_leave_nothing_in_flight_and_the_round_in_step() {
+    let mut w = Walk::enabled();
+    w.command(DriveGoal::Enabled, 100);
+    let withheld = |w: &Walk| w.lines.each_ref().map(|l| l.counters().withheld);
+    for k in 0..400 {
+        if k % 7 == 0 {
+            // The tick decides, and its frames are thrown away.
+            let now = Stamp(w.ms * 1_000_000);
+            w.ms += 1;
+            for bus in 0..BUSES {
+                w.received[bus].clear();
+                w.plant.take_frames(bus, &mut w.received[bus]);
+                w.lines[bus].receive(now, now, &w.received[bus], BusHealth::Active, &mut w.feedbacks);
+                w.lines[bus].transmit(now, &w.commands, &mut FrameBatch::default());
+                w.lines[bus].take_back();
+            }
+            w.plant.advance_to(now + Span::from_ms(1));
+        } else {
+            w.tick();
+        }
+        assert!(w.all(DriveState::Enabled), "{k}: {:?}", w.feedbacks);
+    }
+    assert_eq!((withheld(&w), w.lines[0].counters().stalls), ([0, 0], 0));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use super::Side;
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
-use crate::msg::{BUSES, FaultCode, Mode, TickRecord};
+use crate::msg::{BUSES, FaultCode, Mode, TickRecord, ZeroState};
 use hdrhistogram::Histogram;
 use std::collections::VecDeque;
 use std::io;
@@ -126,6 +126,9 @@ impl State {
         }
         if !self.seen || before.mode != after.mode {
             self.event_at(tick.input.now, format!("mode {}", mode_name(after.mode)));
+            if let Some(text) = missing_zeros(tick).filter(|_| after.mode == Mode::Disarmed) {
+                self.event_at(tick.input.now, text);
+            }
         }
         let fault = after.first_fault;
         let is_new = fault.code != before.first_fault.code || fault.stamp != before.first_fault.stamp;
@@ -150,6 +153,15 @@ impl State {
         self.news.push(format!("{:9.3} s  {text}", since.as_s()));
         keep(&mut self.events, EVENTS, (since, text));
     }
+}
+
+/// What a person has to do before the robot can be armed, if zeros are missing.
+fn missing_zeros(tick: &TickRecord) -> Option<String> {
+    let [hip, toes @ ..] = tick.feedback.drives.each_ref().map(|drive| drive.zero == ZeroState::Known);
+    let hip = if hip { None } else { Some("align the legs and confirm the hip's zero (compass zero)") };
+    let toes = if toes.iter().all(|known| *known) { None } else { Some("hold the switch while the toes find theirs") };
+    let todo: Vec<&str> = hip.into_iter().chain(toes).collect();
+    (!todo.is_empty()).then(|| format!("zeros are missing: {}", todo.join(", ")))
 }
 
 /// Puts an item at the end and takes the oldest away when there are too many.

@@ -123,8 +123,12 @@ fn a_released_switch_ends_the_search_and_no_toe_is_told_to_move() {
 fn a_toe_without_a_stop_fails_within_its_stroke_and_may_be_tried_again() {
     let mut bench = Bench::new();
     bench.stop_m[0] = -1.0;
-    bench.run(Mode::Homing, DriveState::Enabled, 600);
-    assert_eq!(bench.toes()[0], ZeroState::Failed);
+    // The guard ends homing in the very tick.
+    let failed = (0..600).any(|_| {
+        bench.run(Mode::Homing, DriveState::Enabled, 1);
+        bench.toes()[0] == ZeroState::Failed
+    });
+    assert!(failed);
     assert!(bench.toe_m[0] > 0.03 - 0.04 - 0.006, "{}", bench.toe_m[0]);
     bench.stop_m[0] = bench.toe_m[0] - 0.01;
     bench.run(Mode::Disarmed, DriveState::Ready, 10);

@@ -410,10 +410,16 @@ impl Direct {
         phase % self.slot.divisor == self.slot.command || command.goal < self.goal
     }
 
+    /// The command takes the goal away from what was sent last.
+    pub(super) fn is_lowered_by(&self, command: &DriveCommand) -> bool {
+        command.goal < self.goal
+    }
+
     /// The frame of this turn, one step towards the goal.
     pub(super) fn command(&mut self, now: Stamp, command: &DriveCommand) -> CanFrame {
         self.goal = command.goal;
-        self.command_in_flight = Some(now);
+        // The oldest in flight counts.
+        self.command_in_flight.get_or_insert(now);
         self.owed = self.owed.saturating_add(1).min(2);
         self.sent_limit_permille = match self.mode {
             DriveMode::CyclicTorque => self.max_permille,

@@ -38,6 +38,9 @@ const ASTRAY_ANSWERS: u8 = 50;
 /// Commands that the reset bit stays low, then high.
 const RESET_HOLD: u8 = 4;
 
+/// An emergency whose end is not told is over after this, if the drive shows no fault.
+const EMERGENCY_FADES: Span = Span::from_ms(2000);
+
 /// Error codes below are [`SetupFault`]s.
 const FIRST_CODE_OF_DRIVES: u16 = 0x0100;
 
@@ -92,7 +95,10 @@ pub(super) struct DriveLine {
     silence_limit: Span,
     phase: Phase,
     state: State,
-    heard: Stamp,
+    /// Time spent listening since its last heartbeat: a stall of ours is not its silence.
+    silent: Span,
+    /// When its last emergency came.
+    emergency: Option<Stamp>,
     /// The goal must drop below enabled before the drive is reset or enabled again.
     held_back: bool,
     goal: DriveGoal,
@@ -105,6 +111,8 @@ pub(super) struct DriveLine {
     astray: u8,
     /// Second answers to one SYNC count two, the others take one back.
     doubled: u8,
+    /// Torque in the last command.
+    torque_permille: i16,
 }
 
 impl DriveLine {
@@ -122,7 +130,8 @@ impl DriveLine {
             silence_limit: Span(drive.heartbeat.0.saturating_mul(HEARTBEATS_MISSED)),
             phase: Phase::Reset,
             state: State::NotReady,
-            heard: Stamp::NEVER,
+            silent: Span::ZERO,
+            emergency: None,
             held_back: true,
             goal: DriveGoal::Disabled,
             enabled_commands: 0,
@@ -132,7 +141,13 @@ impl DriveLine {
             agreement: Agreement::default(),
             astray: 0,
             doubled: 0,
+            torque_permille: 0,
         }
+    }
+
+    /// The command takes goal or torque away from what was sent last.
+    pub(super) fn is_lowered_by(&self, command: &DriveCommand) -> bool {
+        command.goal < self.goal || (self.torque_permille != 0 && command.torque_permille == 0)
     }
 
     /// True while its process data flow.
@@ -142,7 +157,7 @@ impl DriveLine {
 
     /// A heartbeat or boot-up. True if the drive restarted by itself.
     pub(super) fn on_heartbeat(&mut self, nmt: NmtState, stamp: Stamp) -> bool {
-        self.heard = stamp;
+        self.silent = Span::ZERO;
         match (self.phase, nmt) {
             (Phase::Reset, _) => {}
             (Phase::AwaitBoot { .. }, NmtState::BootUp) => self.configure(),
@@ -243,8 +258,9 @@ impl DriveLine {
     }
 
     /// An emergency, or its end.
-    pub(super) fn on_emergency(&mut self, emergency: &Emergency) {
+    pub(super) fn on_emergency(&mut self, emergency: &Emergency, stamp: Stamp) {
         self.feedback.error_code = emergency.code;
+        self.emergency = Some(stamp);
         if emergency.code != 0 {
             self.held_back = true;
         }
@@ -256,8 +272,9 @@ impl DriveLine {
         self.give_up(SetupFault::BusStalled);
     }
 
-    /// Deadlines.
-    pub(super) fn supervise(&mut self, now: Stamp) {
+    /// Deadlines; `listened`: for how long we have listened since the last time.
+    pub(super) fn supervise(&mut self, now: Stamp, listened: Span) {
+        self.silent = Span(self.silent.0.saturating_add(listened.0));
         match self.phase {
             Phase::AwaitBoot { deadline } if now > deadline => self.fail(now, SetupFault::NoBootUp),
             Phase::Configure { step, asked: Some(at), tries } if now.since(at) > SDO_TIMEOUT => {
@@ -268,12 +285,26 @@ impl DriveLine {
                 }
             }
             Phase::AwaitAnswer { deadline } if now > deadline => self.fail(now, SetupFault::NotOperational),
-            Phase::Operating if now.since(self.heard) > self.silence_limit => {
+            Phase::Operating if self.silent > self.silence_limit => {
                 self.fail(now, SetupFault::HeartbeatLost);
             }
-            Phase::Operating => self.supervise_limit(now),
+            Phase::Operating => {
+                self.supervise_limit(now);
+                self.let_emergency_fade(now);
+            }
             Phase::Failed { until } if now > until => self.phase = Phase::Reset,
             _ => {}
+        }
+    }
+
+    /// Some drives never tell the end of an emergency. One that shows no fault for a while, without being asked for
+    /// torque, has none: otherwise it could not be armed again before a restart.
+    fn let_emergency_fade(&mut self, now: Stamp) {
+        let over = self.emergency.is_some_and(|at| now.since(at) > EMERGENCY_FADES);
+        let at_rest = self.goal != DriveGoal::Enabled && !is_fault(self.state);
+        if over && at_rest && self.feedback.error_code >= FIRST_CODE_OF_DRIVES {
+            self.feedback.error_code = 0;
+            self.emergency = None;
         }
     }
 
@@ -343,7 +374,8 @@ impl DriveLine {
     /// The command, one step of the power state machine at a time.
     pub(super) fn command(&mut self, now: Stamp, command: &DriveCommand) -> PdoData {
         self.goal = command.goal;
-        self.command_in_flight = Some(now);
+        // The oldest in flight counts.
+        self.command_in_flight.get_or_insert(now);
         let controlword = self.controlword();
         let follows = self.follows_commands();
         match self.mode {
@@ -351,6 +383,7 @@ impl DriveLine {
                 let limit = self.max_torque_permille.max(0);
                 let torque = if follows { command.torque_permille.clamp(-limit, limit) } else { 0 };
                 self.agreement.note(torque);
+                self.torque_permille = torque;
                 pdo::torque_command(controlword, torque)
             }
             DriveMode::CyclicPosition => pdo::position_command(controlword, self.target_position(follows, command)),

@@ -54,6 +54,23 @@ impl Member {
         *in_flight = in_flight.filter(|at| *at > until);
     }
 
+    /// What was sent at this time was not sent.
+    pub(super) fn take_back(&mut self, at: Stamp) {
+        let in_flight = match self {
+            Self::Canopen(drive) => &mut drive.command_in_flight,
+            Self::Direct(drive) => &mut drive.command_in_flight,
+        };
+        *in_flight = in_flight.filter(|sent| *sent != at);
+    }
+
+    /// The command takes goal or torque away from what was sent last.
+    pub(super) fn is_lowered_by(&self, command: &DriveCommand) -> bool {
+        match self {
+            Self::Canopen(drive) => drive.is_lowered_by(command),
+            Self::Direct(drive) => drive.is_lowered_by(command),
+        }
+    }
+
     /// The bus is dead: everything known of the drive is void.
     pub(super) fn on_stall(&mut self) {
         match self {
@@ -65,7 +82,7 @@ impl Member {
     /// Deadlines; `listened`: for how long we have listened since the last time.
     pub(super) fn supervise(&mut self, now: Stamp, listened: Span) {
         match self {
-            Self::Canopen(drive) => drive.supervise(now),
+            Self::Canopen(drive) => drive.supervise(now, listened),
             Self::Direct(drive) => drive.supervise(now, listened),
         }
     }

@@ -5,9 +5,10 @@
 //! and network management are for CANopen drives ([`mod@drive`]); others act on each command ([`direct`]).
 //!
 //! **Nothing stale on the wire.** A command goes out only when the one before is known to have left: by its echo, by
-//! the echo of a SYNC sent after it, or by an answer that only it can have caused. So at most one command per drive
-//! can sit in a kernel or adapter whose peer is gone. If nothing proves departure for the echo timeout the bus is
-//! *stalled*: no more commands; a probe (NMT reset of all nodes, or power off: harmless whenever delivered) until one is
+//! the echo of a SYNC sent after it, or by an answer that only it can have caused; one that takes goal or torque away
+//! may follow it. So at most one command with torque per drive can sit in a kernel or adapter whose peer is gone. If
+//! nothing proves departure for the echo timeout the bus is *stalled*: no more commands; a probe (NMT reset of all
+//! nodes, or power off: harmless whenever delivered) until one is
 //! echoed; then the whole start-up from reset. Emptying the kernel's queue is the I/O thread's part.
 //!
 //! RT: yes; `new` allocates.
@@ -117,6 +118,8 @@ pub struct Line {
     waited: Span,
     /// Shortest watchdog of the drives: by then a frame must have left, however little we could listen.
     watchdog: Span,
+    /// When frames were chosen last.
+    transmitted: Stamp,
     sync_in_flight: Option<Stamp>,
     sync_seen: Stamp,
     stall: Option<Stall>,
@@ -158,6 +161,7 @@ impl Line {
             listening: Listening::new(real_time.period),
             waited: Span::ZERO,
             watchdog,
+            transmitted: Stamp::NEVER,
             sync_in_flight: None,
             sync_seen: Stamp::NEVER,
             stall: None,
@@ -195,6 +199,7 @@ impl Line {
 
     /// Chooses the frames of this cycle.
     pub fn transmit(&mut self, now: Stamp, commands: &DriveCommands, out: &mut FrameBatch) {
+        self.transmitted = now;
         if self.stall.is_some() {
             self.probe(now, out);
             return;
@@ -204,6 +209,24 @@ impl Line {
         self.put_heartbeat(now, phase, out);
         self.put_commands(now, phase, commands, out);
         self.put_sync(now, out);
+    }
+
+    /// The frames of the last [`Self::transmit`] were not sent: none of them is in flight, and the drives counted no SYNC.
+    pub fn take_back(&mut self) {
+        let at = self.transmitted;
+        for drive in self.drives.iter_mut().flatten() {
+            drive.take_back(at);
+        }
+        if self.sync_in_flight == Some(at) {
+            self.sync_in_flight = None;
+            self.cycle = self.cycle.wrapping_sub(1);
+        }
+        if self.heartbeat_sent == at {
+            self.heartbeat_sent = Stamp::NEVER;
+        }
+        if let Some(stall) = &mut self.stall {
+            stall.probe = stall.probe.filter(|sent| *sent != at);
+        }
     }
 
     /// Zero torque and voltage off for every node, and the SYNC that makes it act. The frames never change, so they
@@ -265,7 +288,7 @@ impl Line {
             }),
             Ok(Message::Emergency(node, emergency)) => self.with(node, |drive, counters| {
                 counters.emergencies += u32::from(emergency.code != 0);
-                drive.on_emergency(&emergency);
+                drive.on_emergency(&emergency, stamp);
             }),
             Ok(Message::Tpdo(..)) | Err(_) => self.count_foreign(),
         }
@@ -440,7 +463,8 @@ impl Line {
             if !drive.wants_command(phase, &command) {
                 continue;
             }
-            if drive.command_in_flight().is_some() {
+            // A command that takes goal or torque away may follow the one in flight: it is safer behind it than not there.
+            if drive.command_in_flight().is_some() && !drive.is_lowered_by(&command) {
                 self.counters.withheld = self.counters.withheld.saturating_add(1);
                 continue;
             }

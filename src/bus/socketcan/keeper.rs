@@ -1,4 +1,6 @@
-//! Looks after a bus that is dead, from a thread of its own. RT: no, and nothing real-time waits for it.
+//! Looks after a bus that is dead, or whose adapter was plugged in again, from a thread of its own. RT: no, and nothing
+//! real-time waits for it.
+#![expect(clippy::disallowed_types, reason = "not real-time")]
 
 use super::Shared;
 use super::link_report::may_change_links;
@@ -7,6 +9,8 @@ use crate::bus::link;
 use crate::msg::BusHealth;
 use socketcan::CanInterface;
 use socketcan::nl::CanState;
+use std::ffi::CString;
+use std::os::fd::{AsRawFd, RawFd};
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 
@@ -20,13 +24,67 @@ const WORK_EVERY: Span = Span::from_ms(1000);
 /// Starts the thread; it ends when the bus is closed.
 pub(super) fn start(name: &str, shared: &Arc<Shared>) -> std::io::Result<()> {
     let interface = CanInterface::open(name).map_err(|_| std::io::Error::from(std::io::ErrorKind::NotFound))?;
+    let name = CString::new(name)?;
+    let bound = index_of(&name);
     let shared = Arc::downgrade(shared);
-    std::thread::Builder::new().name("can-keeper".into()).spawn(move || keep(&interface, &shared))?;
+    let place = Place { name, bound, interface };
+    std::thread::Builder::new().name("can-keeper".into()).spawn(move || keep(place, &shared))?;
     Ok(())
 }
 
+/// Where the socket sits: an adapter that is plugged in again has its name (systemd/80-compass-can.link) but another
+/// number.
+struct Place {
+    name: CString,
+    /// Number of the interface that the socket is bound to.
+    bound: Option<u32>,
+    interface: CanInterface,
+}
+
+impl Place {
+    /// Follows an adapter that was plugged in again: the socket, which the kernel has let go, is bound to the new
+    /// interface.
+    fn follow(&mut self, shared: &Shared) {
+        let present = index_of(&self.name);
+        if !must_rebind(self.bound, present) {
+            return;
+        }
+        let Some((index, interface)) = present.zip(self.name.to_str().ok().and_then(|n| CanInterface::open(n).ok()))
+        else {
+            return;
+        };
+        if rebind(shared.socket.as_raw_fd(), index) {
+            self.bound = present;
+            self.interface = interface;
+            shared.echoes.forget();
+            adopt_state(&self.interface, shared);
+        }
+    }
+}
+
+/// The interface of this name is there, and is not the one that the socket is bound to.
+fn must_rebind(bound: Option<u32>, present: Option<u32>) -> bool {
+    present.is_some() && present != bound
+}
+
+fn index_of(name: &CString) -> Option<u32> {
+    // SAFETY: a string that ends with a NUL.
+    Some(unsafe { libc::if_nametoindex(name.as_ptr()) }).filter(|index| *index > 0)
+}
+
+/// Binds a CAN socket to another interface; the kernel allows that at any time.
+fn rebind(fd: RawFd, index: u32) -> bool {
+    // SAFETY: all-zero is a valid sockaddr_can.
+    let mut address: libc::sockaddr_can = unsafe { std::mem::zeroed() };
+    address.can_family = libc::AF_CAN as libc::sa_family_t;
+    address.can_ifindex = index.cast_signed();
+    let length = size_of::<libc::sockaddr_can>() as libc::socklen_t;
+    // SAFETY: a readable address of the length told.
+    unsafe { libc::bind(fd, (&raw const address).cast(), length) == 0 }
+}
+
 #[expect(clippy::disallowed_methods, reason = "an ordinary thread may sleep")]
-fn keep(interface: &CanInterface, shared: &Weak<Shared>) {
+fn keep(mut place: Place, shared: &Weak<Shared>) {
     let may_flap = may_change_links();
     let mut dead_since = None;
     let mut worked = Stamp::NEVER;
@@ -38,7 +96,8 @@ fn keep(interface: &CanInterface, shared: &Weak<Shared>) {
             let since = *dead_since.get_or_insert(now);
             if now.since(since) > PATIENCE && now.since(worked) > WORK_EVERY {
                 worked = now;
-                revive(interface, &shared, may_flap);
+                place.follow(&shared);
+                revive(&place.interface, &shared, may_flap);
             }
         }
         drop(shared);
@@ -67,7 +126,7 @@ fn revive(interface: &CanInterface, shared: &Shared, may_flap: bool) {
 /// Link down and up: the only way to empty the kernel's queue.
 fn flap(interface: &CanInterface, shared: &Shared) {
     if interface.bring_down().is_ok() && interface.bring_up().is_ok() {
-        shared.forget_frames_out();
+        shared.echoes.forget();
         adopt_state(interface, shared);
     }
 }
@@ -83,7 +142,20 @@ fn adopt_state(interface: &CanInterface, shared: &Shared) {
         Some(CanState::Stopped | CanState::Sleeping) => BusHealth::Down,
     };
     if health == BusHealth::Active && shared.health() != BusHealth::Passive {
-        shared.forget_frames_out();
+        shared.echoes.forget();
     }
     shared.set_state(health);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_socket_follows_its_adapter_to_a_new_number_and_stays_where_it_is_otherwise() {
+        assert!(!must_rebind(Some(4), Some(4)), "a bus that is only dead");
+        assert!(!must_rebind(Some(4), None), "unplugged");
+        assert!(must_rebind(Some(4), Some(7)), "plugged in again");
+        assert!(must_rebind(None, Some(7)));
+    }
 }

@@ -10,18 +10,21 @@
 //! Wants hardware or vcan: the laws run when `COMPASS_CAN` names an interface.
 #![expect(unsafe_code, reason = "recvmsg with control messages has no safe wrapper that neither waits nor allocates")]
 
+mod echoes;
 mod keeper;
 pub mod link_report;
+pub mod master;
 
 use super::link;
 use super::{Duplex, Receive, SendError, Transmit};
 use crate::base::time::{Span, Stamp};
 use crate::msg::{BusFrame, BusHealth, CanFrame, MAX_DATA};
+use echoes::Echoes;
 use socketcan::{CanSocket, Socket, SocketOptions};
 use std::io::{Error, ErrorKind};
 use std::os::fd::{AsRawFd, RawFd};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
 /// Error frame classes (linux/can/error.h).
 const ERROR_CONTROLLER: u32 = 0x004;
@@ -48,10 +51,7 @@ struct Shared {
     echo_timeout: Span,
     /// [`BusHealth`] by the error frames.
     state: AtomicU8,
-    sent: AtomicU64,
-    echoed: AtomicU64,
-    /// Since when the oldest frame without echo waits, ns.
-    waiting_since: AtomicI64,
+    echoes: Echoes,
     lost: AtomicU32,
 }
 
@@ -66,6 +66,8 @@ pub struct CanTx {
 pub struct CanRx {
     shared: Arc<Shared>,
     kernel_drops: u32,
+    /// When nothing more was there: what comes later was received later.
+    emptied: Stamp,
 }
 
 /// A SocketCAN interface; its sending half can be cloned.
@@ -90,15 +92,16 @@ impl SocketCan {
             end,
             echo_timeout,
             state: AtomicU8::new(BusHealth::Active as u8),
-            sent: AtomicU64::new(0),
-            echoed: AtomicU64::new(0),
-            waiting_since: AtomicI64::new(0),
+            echoes: Echoes::default(),
             lost: AtomicU32::new(0),
         });
         if end == End::Controller {
             keeper::start(name, &shared)?;
         }
-        Ok(Self { tx: CanTx { shared: Arc::clone(&shared) }, rx: CanRx { shared, kernel_drops: 0 } })
+        Ok(Self {
+            tx: CanTx { shared: Arc::clone(&shared) },
+            rx: CanRx { shared, kernel_drops: 0, emptied: link::monotonic_now() },
+        })
     }
 }
 
@@ -116,26 +119,7 @@ impl Shared {
     }
 
     fn is_stalled(&self) -> bool {
-        let waits =
-            self.end == End::Controller && self.echoed.load(Ordering::Acquire) < self.sent.load(Ordering::Acquire);
-        waits && link::monotonic_now().0 - self.waiting_since.load(Ordering::Relaxed) > self.echo_timeout.0
-    }
-
-    /// Frames that are out will not be echoed: the queue was emptied, or the echoes were dropped.
-    fn forget_frames_out(&self) {
-        self.echoed.store(self.sent.load(Ordering::Acquire), Ordering::Release);
-    }
-
-    fn note_sent(&self) {
-        if self.echoed.load(Ordering::Acquire) >= self.sent.load(Ordering::Acquire) {
-            self.waiting_since.store(link::monotonic_now().0, Ordering::Relaxed);
-        }
-        self.sent.fetch_add(1, Ordering::AcqRel);
-    }
-
-    fn note_echo(&self) {
-        self.waiting_since.store(link::monotonic_now().0, Ordering::Relaxed);
-        self.echoed.fetch_add(1, Ordering::AcqRel);
+        self.end == End::Controller && self.echoes.are_overdue(link::monotonic_now(), self.echo_timeout)
     }
 
     fn note_error_frame(&self, frame: &CanFrame) {
@@ -153,7 +137,7 @@ impl Shared {
 impl Transmit for CanTx {
     fn send(&mut self, frame: &CanFrame) -> Result<(), SendError> {
         // Counted before, because the echo may be read before `write` returns.
-        self.shared.note_sent();
+        self.shared.echoes.note_sent(link::monotonic_now());
         let raw = RawFrame { id: frame.id, len: frame.len, flags: frame.flags, reserved: [0; 2], data: frame.data };
         let length = if frame.is_fd() { FD_BYTES } else { CLASSIC_BYTES };
         // SAFETY: 72 readable bytes with the layout of canfd_frame, whose first 16 are a can_frame; the descriptor is
@@ -162,7 +146,7 @@ impl Transmit for CanTx {
         if usize::try_from(written) == Ok(length) {
             return Ok(());
         }
-        self.shared.sent.fetch_sub(1, Ordering::AcqRel);
+        self.shared.echoes.take_back();
         match Error::last_os_error().raw_os_error() {
             Some(libc::ENOBUFS | libc::EAGAIN | libc::EINTR) => Err(SendError::Full),
             _ => {
@@ -175,10 +159,12 @@ impl Transmit for CanTx {
 
 impl Receive for CanRx {
     fn receive(&mut self) -> Option<BusFrame> {
+        let looked = link::monotonic_now();
         let received = receive_message(self.shared.socket.as_raw_fd());
-        let Received { raw, fd, own, stamp, drops } = match received {
+        let Received { raw, fd, own, age, drops } = match received {
             Ok(received) => received,
             Err(error) => {
+                self.emptied = looked;
                 if !matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) {
                     self.shared.set_state(BusHealth::Down);
                 }
@@ -188,10 +174,11 @@ impl Receive for CanRx {
         if drops != self.kernel_drops {
             self.shared.lost.fetch_add(drops.wrapping_sub(self.kernel_drops), Ordering::Relaxed);
             self.kernel_drops = drops;
-            self.shared.forget_frames_out();
+            self.shared.echoes.forget();
         } else if own {
-            self.shared.note_echo();
+            self.shared.echoes.note_echo(link::monotonic_now());
         }
+        let stamp = stamped(link::monotonic_now(), age, self.emptied);
         let frame = raw.frame(fd);
         if frame.is_error() {
             self.shared.note_error_frame(&frame);
@@ -249,7 +236,8 @@ struct Received {
     raw: RawFrame,
     fd: bool,
     own: bool,
-    stamp: Stamp,
+    /// How old it is by the kernel's stamp and wall time.
+    age: Span,
     /// Frames that the kernel has dropped on this socket since it was opened.
     drops: u32,
 }
@@ -279,10 +267,15 @@ fn receive_message(fd: RawFd) -> std::io::Result<Received> {
         _ => return Err(ErrorKind::UnexpectedEof.into()),
     };
     let (wall_ns, drops) = read_control(&message);
-    // The kernel stamps with wall time; the difference of the clocks now is the difference then, but for a clock step.
-    let (now, wall_now) = (link::monotonic_now(), link::clock_ns(libc::CLOCK_REALTIME));
-    let stamp = wall_ns.map_or(now, |at| now - Span((wall_now - at).max(0)));
-    Ok(Received { raw, fd, own: message.msg_flags & libc::MSG_CONFIRM != 0, stamp, drops: drops.unwrap_or(0) })
+    let age = wall_ns.map_or(0, |at| (link::clock_ns(libc::CLOCK_REALTIME) - at).max(0));
+    let own = message.msg_flags & libc::MSG_CONFIRM != 0;
+    Ok(Received { raw, fd, own, age: Span(age), drops: drops.unwrap_or(0) })
+}
+
+/// When a frame came. The kernel stamps with wall time: the difference of the clocks now is the difference then, unless
+/// the wall clock was set in between. So a frame is never taken for older than the last time that nothing was there.
+fn stamped(now: Stamp, age: Span, emptied: Stamp) -> Stamp {
+    (now - age).max(emptied).min(now)
 }
 
 /// Wall time of reception, ns, and drop counter, if told.
@@ -292,18 +285,18 @@ fn read_control(message: &libc::msghdr) -> (Option<i64>, Option<u32>) {
     // unaligned with the type that its level and type say.
     unsafe {
         let mut header = libc::CMSG_FIRSTHDR(message);
-        while let Some(h) = header.as_ref() {
-            match (h.cmsg_level, h.cmsg_type) {
+        while !header.is_null() {
+            match ((*header).cmsg_level, (*header).cmsg_type) {
                 (libc::SOL_SOCKET, libc::SCM_TIMESTAMPNS) => {
-                    let time: libc::timespec = std::ptr::read_unaligned(libc::CMSG_DATA(h).cast());
+                    let time: libc::timespec = std::ptr::read_unaligned(libc::CMSG_DATA(header).cast());
                     wall_ns = Some(time.tv_sec * 1_000_000_000 + time.tv_nsec);
                 }
                 (libc::SOL_SOCKET, libc::SO_RXQ_OVFL) => {
-                    drops = Some(std::ptr::read_unaligned(libc::CMSG_DATA(h).cast()));
+                    drops = Some(std::ptr::read_unaligned(libc::CMSG_DATA(header).cast()));
                 }
                 _ => {}
             }
-            header = libc::CMSG_NXTHDR(message, h);
+            header = libc::CMSG_NXTHDR(message, header);
         }
     }
     (wall_ns, drops)
@@ -351,6 +344,14 @@ mod tests {
             b.receive();
         }
         assert_eq!(b.health(), BusHealth::Active);
+    }
+
+    #[test]
+    fn a_step_of_the_wall_clock_ages_no_frame_beyond_the_last_empty_look() {
+        let ms = |ms: i64| Stamp(ms * 1_000_000);
+        assert_eq!(stamped(ms(1_000), Span::from_ms(2), ms(990)), ms(998), "an ordinary frame");
+        assert_eq!(stamped(ms(1_000), Span::from_ms(3_600_000), ms(999)), ms(999), "an hour forward");
+        assert_eq!(stamped(ms(1_000), Span::ZERO, ms(999)), ms(1_000), "backward: as young as it can be");
     }
 
     #[test]

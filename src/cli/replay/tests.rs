@@ -80,3 +80,24 @@ fn recording_that_begins_in_the_middle_is_not_called_alike() {
     assert_eq!((found.alike, found.not_compared, found.gap), (0, 50, Some((0, 50))));
     assert_eq!(replay(&path).run().unwrap(), Outcome::Finding);
 }
+
+#[test]
+fn a_file_that_is_cut_or_has_a_flipped_bit_is_never_called_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = record_run(folder.path(), 0..300, |_| {});
+    let whole = std::fs::read(&path).unwrap();
+    for cut in [whole.len() - 1, whole.len() - 5_000, whole.len() / 2] {
+        std::fs::write(&path, &whole[..cut]).unwrap();
+        let outcome = replay(&path).run();
+        assert!(cut == whole.len() - 1 || !matches!(outcome, Ok(Outcome::Fine)), "cut at {cut}");
+    }
+    // In the data, not in the index behind them, which nobody needs.
+    let data = 0..whole.len() * 9 / 10;
+    for at in data.step_by(whole.len() / 23).skip(1) {
+        let mut bytes = whole.clone();
+        bytes[at] ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        let outcome = replay(&path).run();
+        assert!(!matches!(outcome, Ok(Outcome::Fine)), "one bit flipped at {at} of {}", whole.len());
+    }
+}

@@ -34,11 +34,12 @@ pub(super) struct Closed {
 
 impl Archive {
     /// Begins the recording. Without one, the ticks around a fault go to the system's folder for temporary files.
-    pub(super) fn open(folder: Option<&Path>, resolved: &Resolved) -> anyhow::Result<Self> {
-        let recorder = folder.map(|folder| Recorder::start(folder, resolved)).transpose().context("--record")?;
+    pub(super) fn open(folder: Option<&Path>, keep: Option<u64>, resolved: &Resolved) -> anyhow::Result<Self> {
+        let start = |folder| Recorder::start_keeping(folder, resolved, keep);
+        let recorder = folder.map(start).transpose().context("--record")?;
         let flight = folder.map_or_else(|| std::env::temp_dir().join("compass-flight"), |f| f.join("flight"));
         let notices = Arc::default();
-        let flight = FlightWriter::start(flight, resolved.clone(), Arc::clone(&notices))?;
+        let flight = FlightWriter::start(flight, keep, resolved.clone(), Arc::clone(&notices))?;
         Ok(Self { recorder: recorder.map(Arc::new), flight, notices })
     }
 
@@ -87,12 +88,12 @@ struct FlightWriter {
 }
 
 impl FlightWriter {
-    fn start(folder: PathBuf, resolved: Resolved, notices: Notices) -> io::Result<Self> {
+    fn start(folder: PathBuf, keep: Option<u64>, resolved: Resolved, notices: Notices) -> io::Result<Self> {
         let (queue, dumps) = mpsc::channel::<Dump>();
         let body = move || {
             for (event, ticks) in dumps.into_iter().map_while(|dump| dump) {
                 let name = event.code.name();
-                let line = match write_flight(&folder, &resolved, &ticks) {
+                let line = match write_flight(&folder, keep, &resolved, &ticks) {
                     Ok(path) => format!("{name}: the {} ticks around it are in {}", ticks.len(), path.display()),
                     Err(error) => format!("{name}: the ticks around it could not be written: {error:#}"),
                 };
@@ -122,12 +123,22 @@ impl FlightWriter {
     }
 }
 
-fn write_flight(folder: &Path, resolved: &Resolved, ticks: &[TickRecord]) -> anyhow::Result<PathBuf> {
-    let (path, storage) = Folder::new(folder)?.open(1)?;
+/// The ticks around faults may take a tenth of what the recordings may, beside them.
+fn write_flight(
+    folder: &Path,
+    keep: Option<u64>,
+    resolved: &Resolved,
+    ticks: &[TickRecord],
+) -> anyhow::Result<PathBuf> {
+    let mut shelf = Folder::new(folder)?;
+    let (path, storage) = shelf.open(1)?;
     let mut file = LogFile::create(storage, &Identity::new(resolved))?;
     for tick in ticks {
         file.write(tick)?;
     }
     file.finish()?;
+    if let Some(keep) = keep {
+        shelf.prune(keep / 10, &path);
+    }
     Ok(path)
 }

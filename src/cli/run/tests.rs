@@ -16,6 +16,14 @@ fn durations_have_units() {
     }
 }
 
+#[test]
+fn sizes_have_units_and_a_least() {
+    assert_eq!(size("100GB"), Ok(100_000_000_000));
+    for wrong in ["100", "GB", "-1GB", "1.5GB", "99MB", "1GiB", "99999999999TB"] {
+        assert!(size(wrong).is_err(), "{wrong}");
+    }
+}
+
 /// The inputs of a run in lockstep: the robot arms at half a second and balances.
 fn balanced_inputs(config: &Config, ticks: usize) -> Vec<TickInput> {
     let mut run = Lockstep::new(config).unwrap();

@@ -4,6 +4,7 @@ use super::mock::MockParts;
 use crate::base::listening::Pulse;
 use crate::base::time::Stamp;
 use crate::bus::loopback::{self, Loopback};
+use crate::bus::socketcan::master::MasterLock;
 use crate::bus::socketcan::{End, SocketCan, link_report};
 use crate::config::checked::{BusBackend, BusConfig, Config, SerialBackend};
 use crate::msg::BUSES;
@@ -12,7 +13,7 @@ use crate::rt::process::BusPort;
 use crate::rt::thread::Missing;
 use crate::sensor::imu::ImuReader;
 use crate::sensor::operator::Hand;
-use crate::sensor::serial::SerialLine;
+use crate::sensor::serial::replug::LastingLine;
 use anyhow::Context;
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::{AsRawFd, RawFd};
@@ -26,6 +27,8 @@ pub(super) struct Wiring {
     pub(super) hand: Hand,
     pub(super) mock: Option<MockParts>,
     pub(super) missing: Missing,
+    /// Nobody else commands this robot or its buses while these live.
+    pub(super) locks: Vec<MasterLock>,
 }
 
 /// True if no bus is real: then nothing can be hurt.
@@ -34,7 +37,8 @@ pub(super) fn is_simulated(config: &Config) -> bool {
 }
 
 /// Opens everything that the configuration names.
-pub(super) fn open(config: &Config) -> anyhow::Result<Wiring> {
+pub(super) fn open(config: &Config, robot: &str) -> anyhow::Result<Wiring> {
+    let locks = lock(config, robot)?;
     let pulse = Arc::default();
     let [(bus0, robot0, missing0), (bus1, robot1, missing1)] =
         [open_bus(config, 0, &pulse)?, open_bus(config, 1, &pulse)?];
@@ -47,7 +51,19 @@ pub(super) fn open(config: &Config) -> anyhow::Result<Wiring> {
         hand: Hand::open(config).context("robot.operator.source")?,
         mock: mocked.then(|| MockParts { config: config.clone(), ends, serial, pulse }),
         missing: missing0 | missing1,
+        locks,
     })
+}
+
+/// One master for each interface, and one for each robot's channels.
+fn lock(config: &Config, robot: &str) -> anyhow::Result<Vec<MasterLock>> {
+    let mut locks = vec![MasterLock::take("robot", robot).with_context(|| format!("robot `{robot}`"))?];
+    for bus in &config.robot.buses {
+        if let BusBackend::SocketCan(name) = &bus.backend {
+            locks.push(MasterLock::take("can", name).with_context(|| format!("CAN interface {name}"))?);
+        }
+    }
+    Ok(locks)
 }
 
 fn open_bus(config: &Config, bus: usize, pulse: &Arc<Pulse>) -> anyhow::Result<(BusPort, Option<Loopback>, Missing)> {
@@ -85,8 +101,8 @@ fn open_imu(config: &Config, pulse: &Arc<Pulse>) -> anyhow::Result<(Box<dyn Byte
             Ok((Box::new(MockLine { host, robot: Arc::clone(pulse) }), Some(device)))
         }
         SerialBackend::Device(path) => {
-            let line =
-                SerialLine::open(path, config.robot.imu.baud).with_context(|| format!("robot.imu.backend = {path}"))?;
+            let line = LastingLine::open(path, config.robot.imu.baud)
+                .with_context(|| format!("robot.imu.backend = {path}"))?;
             Ok((Box::new(RealLine(line)), None))
         }
     }
@@ -120,8 +136,8 @@ impl ByteLine for MockLine {
     }
 }
 
-/// A serial device.
-struct RealLine(SerialLine);
+/// A serial device, which may be unplugged and come back.
+struct RealLine(LastingLine);
 
 impl ByteLine for RealLine {
     fn read(&mut self, buffer: &mut [u8]) -> Option<usize> {

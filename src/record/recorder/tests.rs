@@ -162,7 +162,7 @@ fn small_disk(room: i64, sync_time: Duration) -> (Recorder, tempfile::TempDir, A
     let folder = tempfile::tempdir().unwrap();
     let room = Arc::new(AtomicI64::new(room));
     let disk = SmallDisk { folder: folder.path().to_owned(), room: room.clone(), sync_time };
-    let recorder = Recorder::start_on(Box::new(disk), Identity::new(&default_config()));
+    let recorder = Recorder::start_on(Box::new(disk), Identity::new(&default_config()), None);
     (recorder.unwrap_or_else(|_| panic!("start")), folder, room)
 }
 
@@ -183,7 +183,12 @@ fn full_disk_costs_ticks_which_are_counted_and_told_and_recording_goes_on_when_t
     }
     let safe = recorder.status().written;
     let notice = recorder.take_notices().concat();
-    assert!(notice.contains("ticks are safe"), "{notice}");
+    assert!(notice.contains("ticks are safe") && notice.contains("no storage space"), "the cause is named: {notice}");
+    assert!(
+        recorder.path().ends_with("1.mcap"),
+        "not the next one, which holds nothing: {}",
+        recorder.path().display()
+    );
     // What was told to be safe is in the file, and its torn end is off.
     let (ticks, _) = read_all(&folder.path().join("1.mcap"));
     assert_eq!(ticks.len() as u64, safe);
@@ -222,4 +227,26 @@ fn slow_disk_never_makes_push_wait() {
 fn folder_that_cannot_be_written_is_told_at_once() {
     let error = Recorder::start(Path::new("/proc/nowhere"), &default_config()).err().unwrap();
     assert!(error.to_string().contains("/proc/nowhere"), "{error}");
+}
+
+/// The service filled its disk with 7 GB an hour.
+#[test]
+fn a_folder_with_a_cap_holds_the_newest_and_no_more() {
+    let folder = tempfile::tempdir().unwrap();
+    let keep = 8_000_000;
+    let recorder = Recorder::start_keeping(folder.path(), &default_config(), Some(keep)).unwrap();
+    let mut index = 0;
+    while recorder.status().files < 10 {
+        recorder.push(&tick(index));
+        index += 1;
+        thread::sleep(Duration::from_millis(1));
+    }
+    let last = recorder.path();
+    let status = recorder.finish();
+    let total: u64 = fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().metadata().unwrap().len()).sum();
+    // The cap, and what came in during the last flush period.
+    assert!(total < keep + 4 * keep / 8 + status.bytes, "{total}");
+    let (ticks, reader) = read_all(&last);
+    assert_eq!(reader.ending(), Some(Ending::Whole));
+    assert!(ticks.iter().all(|t| t.input.index < index) && status.dropped == 0);
 }

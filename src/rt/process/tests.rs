@@ -147,3 +147,39 @@ fn a_panic_of_the_relay_stops_the_robot_and_is_told() {
     assert!(running.wait().panicked && stop.is_requested(), "nobody else has asked it to end");
     drop(robots);
 }
+
+/// A walk that is preempted for two periods now and then.
+struct Preempted(u64);
+
+impl Walk for Preempted {
+    fn step(&mut self, input: &TickInput, tick: &mut TickRecord) {
+        Echoing.step(input, tick);
+        tick.output.send[0].push(BusFrame::ours(input.now, CanFrame::new(0x202, &[u8::from(input.index % 10 == 0)])));
+        self.0 += 1;
+        if input.index % 10 == 0 {
+            thread::sleep(Duration::from_millis(2));
+        }
+    }
+}
+
+#[test]
+fn a_command_that_grew_old_between_step_and_wire_is_not_sent_and_the_next_tick_knows() {
+    let (mut made, mut robots, _) = parts("preempted", Input::Threads, Trigger::Timer);
+    let unsent = Arc::new(AtomicUsize::new(0));
+    let counter = unsent.clone();
+    made.sinks.each = Box::new(move |record| {
+        counter.fetch_add(usize::from(record.input.unsent == [true; BUSES]), Ordering::Relaxed);
+    });
+    let stop = made.stop.clone();
+    let running = start(Preempted(0), made).unwrap();
+    let mut old = 0;
+    for _ in 0..100 {
+        thread::sleep(Duration::from_millis(5));
+        let frames = std::iter::from_fn(|| robots[0].receive());
+        old += frames.filter(|f| f.frame.id == 0x202 && f.frame.data[0] == 1).count();
+    }
+    stop.request();
+    drop(running.wait());
+    assert_eq!(old, 0, "every tenth was two periods old");
+    assert!(unsent.load(Ordering::Relaxed) > 5, "{unsent:?}");
+}
