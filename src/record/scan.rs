@@ -161,18 +161,29 @@ impl<R: Read> Scan<R> {
         let start = self.at;
         let before = self.source.sum.clone().finalize();
         let Some(op) = self.read_body(start)? else { return Ok(None) };
+        if op == op::DATA_END {
+            let whole = sum_agrees(self.body.first_chunk(), before);
+            self.ending = Some(if whole { self.read_summary()? } else { Ending::Damaged { at: start } });
+            return Ok(None);
+        }
         match parse(op, &self.body) {
-            Some(Record::DataEnd) => {
-                let whole = sum_agrees(self.body.first_chunk(), before);
-                self.ending = Some(if whole { Ending::Whole } else { Ending::Damaged { at: start } });
-                Ok(None)
-            }
             Some(record) => Ok(Some(record)),
             None => {
                 self.ending = Some(Ending::Damaged { at: start });
                 Ok(None)
             }
         }
+    }
+
+    /// Behind the data: a summary that nobody needs, its sum, and the magic that tells that the file was closed.
+    fn read_summary(&mut self) -> io::Result<Ending> {
+        let mut rest = Vec::new();
+        (&mut self.source).take(LONGEST).read_to_end(&mut rest)?;
+        let Some((summary, sum)) = rest.strip_suffix(&MAGIC).and_then(|rest| rest.split_last_chunk::<4>()) else {
+            return Ok(Ending::Torn { at: self.at });
+        };
+        let whole = sum_agrees(Some(sum), crc32fast::hash(summary));
+        Ok(if whole { Ending::Whole } else { Ending::Damaged { at: self.at } })
     }
 
     /// Reads one record's bytes. Of a chunk only the head, so that its records come next.

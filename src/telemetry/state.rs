@@ -33,6 +33,8 @@ pub(super) struct State {
     pub(super) frames: [FrameRates; BUSES],
     news: Vec<String>,
     history_due: Stamp,
+    losses_told: [u32; 3],
+    losses_due: Stamp,
 }
 
 /// Frames of one bus: counted over a second, then shown for a second.
@@ -76,6 +78,8 @@ impl State {
             frames: [FrameRates::default(); BUSES],
             news: Vec::new(),
             history_due: Stamp(0),
+            losses_told: [0; 3],
+            losses_due: Stamp::NEVER,
         })
     }
 
@@ -86,6 +90,7 @@ impl State {
             self.history_due = tick.input.now;
         }
         self.notice_events(tick);
+        self.notice_losses(tick);
         record(&mut self.wake_ns, tick.input.wake_latency);
         record(&mut self.step_ns, tick.input.step_time);
         let batches = tick.input.received.iter().zip(&tick.output.send);
@@ -144,6 +149,20 @@ impl State {
         }
     }
 
+    /// Frames and samples that were lost on their way, told when their number has grown, once a second at most.
+    fn notice_losses(&mut self, tick: &TickRecord) {
+        let input = &tick.input;
+        let [bus0, bus1] = input.received.each_ref().map(|batch| batch.dropped);
+        let lost = [bus0, bus1, input.imu.dropped];
+        let grown = lost.iter().zip(self.losses_told).any(|(now, told)| *now > told);
+        if grown && input.now >= self.losses_due {
+            self.losses_told = lost;
+            self.losses_due = input.now + Span::from_ms(1000);
+            let text = format!("lost so far: {bus0} and {bus1} frames, {} IMU messages", input.imu.dropped);
+            self.event_at(input.now, text);
+        }
+    }
+
     fn event(&mut self, text: String) {
         self.event_at(self.tick.input.now, text);
     }
@@ -186,5 +205,28 @@ pub(super) const fn mode_name(mode: Mode) -> &'static str {
         Mode::Armed => "ARMED",
         Mode::Faulted => "FAULT",
         Mode::Homing => "homing",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config;
+
+    #[test]
+    fn losses_and_missing_zeros_are_told_and_not_at_every_tick() {
+        let mut state = State::new(&config::load(None, &[]).unwrap().config).unwrap();
+        let mut told = Vec::new();
+        for ms in 0..3_000 {
+            let mut tick = TickRecord::default();
+            tick.input.now = Stamp(0) + Span::from_ms(ms);
+            tick.input.received[1].dropped = u32::try_from(ms / 100).unwrap();
+            tick.status.mode = if ms < 10 { Mode::Starting } else { Mode::Disarmed };
+            state.take(&tick);
+            told.extend(state.take_news());
+        }
+        assert_eq!(told.iter().filter(|line| line.contains("lost so far: 0 and")).count(), 3, "{told:?}");
+        let zeros: Vec<_> = told.iter().filter(|line| line.contains("compass zero")).collect();
+        assert_eq!(zeros.len(), 1, "{told:?}");
     }
 }

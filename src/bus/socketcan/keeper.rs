@@ -1,6 +1,5 @@
 //! Looks after a bus that is dead, or whose adapter was plugged in again, from a thread of its own. RT: no, and nothing
 //! real-time waits for it.
-#![expect(clippy::disallowed_types, reason = "not real-time")]
 
 use super::Shared;
 use super::link_report::may_change_links;

@@ -89,11 +89,9 @@ fn a_file_that_is_cut_or_has_a_flipped_bit_is_never_called_alike() {
     for cut in [whole.len() - 1, whole.len() - 5_000, whole.len() / 2] {
         std::fs::write(&path, &whole[..cut]).unwrap();
         let outcome = replay(&path).run();
-        assert!(cut == whole.len() - 1 || !matches!(outcome, Ok(Outcome::Fine)), "cut at {cut}");
+        assert!(!matches!(outcome, Ok(Outcome::Fine)), "cut at {cut}");
     }
-    // In the data, not in the index behind them, which nobody needs.
-    let data = 0..whole.len() * 9 / 10;
-    for at in data.step_by(whole.len() / 23).skip(1) {
+    for at in (0..whole.len()).step_by(whole.len() / 37).skip(1) {
         let mut bytes = whole.clone();
         bytes[at] ^= 1;
         std::fs::write(&path, &bytes).unwrap();

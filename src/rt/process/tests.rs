@@ -154,9 +154,10 @@ struct Preempted(u64);
 impl Walk for Preempted {
     fn step(&mut self, input: &TickInput, tick: &mut TickRecord) {
         Echoing.step(input, tick);
-        tick.output.send[0].push(BusFrame::ours(input.now, CanFrame::new(0x202, &[u8::from(input.index % 10 == 0)])));
+        tick.output.send[0]
+            .push(BusFrame::ours(input.now, CanFrame::new(0x202, &[u8::from(input.index.is_multiple_of(10))])));
         self.0 += 1;
-        if input.index % 10 == 0 {
+        if input.index.is_multiple_of(10) {
             thread::sleep(Duration::from_millis(2));
         }
     }

@@ -31,7 +31,7 @@ impl LastingLine {
     ///
     /// # Errors
     /// As for [`SerialLine::open`]; no thread.
-    #[expect(clippy::disallowed_methods, clippy::disallowed_types, reason = "before arming, and in an ordinary thread")]
+    #[expect(clippy::disallowed_methods, reason = "before arming, and in an ordinary thread")]
     pub fn open(path: &str, baud: u32) -> Result<Self, serialport::Error> {
         let line = SerialLine::open(path, baud)?;
         let shared = Arc::<Shared>::default();
