@@ -122,6 +122,10 @@ pub struct Toe {
     pub stroke_m: f64,
     /// Fastest travel, m/s.
     pub rate_limit_m_s: f64,
+    /// Largest acceleration of the screw, m/s².
+    pub acceleration_limit_m_s2: f64,
+    /// What both screws of a leg push with at most, N.
+    pub force_limit_n: f64,
     /// Encoder counts per m of travel.
     pub counts_per_m: f64,
     /// Series spring, N/m.
@@ -358,6 +362,8 @@ pub enum ControllerKind {
     Hold,
     /// LQR balance on the stance leg.
     Balance,
+    /// Stands, steps in, walks at a commanded speed, stops.
+    Walk,
 }
 
 /// Controller and observer.
@@ -385,6 +391,84 @@ pub struct Control {
     pub hold_stiffness_nm_rad: f64,
     /// Damper of `hold`, Nm s/rad.
     pub hold_damping_nm_s_rad: f64,
+    /// When and how fast to walk.
+    pub walk: Walk,
+    /// Numbers of the hand-made walking law.
+    pub foot_placement: FootPlacement,
+}
+
+/// What `walk` is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Walk {
+    /// Speed, m/s.
+    pub speed_m_s: f64,
+    /// It begins so long after arming, s.
+    pub start_s: f64,
+    /// It stops so long after arming, s.
+    pub stop_s: Option<f64>,
+}
+
+/// Numbers of the hand-made walking law.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FootPlacement {
+    /// Speed that the other numbers hold for, m/s.
+    pub speed_m_s: f64,
+    /// Swing angle at touchdown in steady walking, rad.
+    pub angle_rad: f64,
+    /// What it grows by with the speed, rad per m/s.
+    pub angle_per_speed_s_m: f64,
+    /// Smallest swing angle, rad.
+    pub least_angle_rad: f64,
+    /// Largest swing angle, rad.
+    pub most_angle_rad: f64,
+    /// Share of the way from the steady foothold to the one that makes up for all the speed error in a step.
+    pub placement_share: f64,
+    /// Share of an unexpected gain that is learnt in a step.
+    pub learning: f64,
+    /// Gain of the squared passing rate in a step that is expected at first, rad²/s².
+    pub first_gain: f64,
+    /// Swing angle of the first step, rad.
+    pub first_angle_rad: f64,
+    /// The swing leg arrives so long before the touchdown, s.
+    pub lead_s: f64,
+    /// Shortest swing, s.
+    pub shortest_swing_s: f64,
+    /// The foothold no longer changes so long before the touchdown, s.
+    pub frozen_s: f64,
+    /// Rate with which the swing leg goes back at the end, rad/s.
+    pub retraction_rad_s: f64,
+    /// Bandwidth of the swing leg's tracking, rad/s.
+    pub bandwidth_rad_s: f64,
+    /// Its damping ratio.
+    pub damping_ratio: f64,
+    /// How far the swing toe reaches for the ground, m.
+    pub toe_reach_m: f64,
+    /// Shortest stance toe, m.
+    pub toe_least_m: f64,
+    /// Length of the stance toe on the mean floor, m.
+    pub toe_nominal_m: f64,
+    /// Share of the difference at landing that the stance toe keeps.
+    pub toe_kept: f64,
+    /// The swing toe reaches from so long before the touchdown on, s,
+    pub toe_out_s: f64,
+    /// and not before the stance leg leans so far beyond the vertical, rad.
+    pub toe_out_rad: f64,
+    /// Share of a foothold's height that the stance toe takes up.
+    pub floor_share: f64,
+    /// Share of a foothold's height that is remembered for the next one.
+    pub floor_memory: f64,
+    /// Share of a step's rise that is taken for slope.
+    pub slope_share: f64,
+    /// Push-off of the stance toe, m.
+    pub push_m: f64,
+    /// What it grows by with the lack of step length, m/rad.
+    pub push_per_angle_m_rad: f64,
+    /// Largest push-off, m.
+    pub push_most_m: f64,
+    /// Push-off of the first step, m.
+    pub first_push_m: f64,
+    /// Lean of the stance leg beyond the vertical from which on it pushes, rad.
+    pub push_rad: f64,
 }
 
 /// The simulated robot. Each imperfection is off when `None` or 0.
@@ -424,6 +508,8 @@ pub struct Simulation {
     pub toe_springs: bool,
     /// Slope of the ground, rad.
     pub ground_slope_rad: f64,
+    /// Heights of the floor; level without.
+    pub floor: Option<Floor>,
     /// Toe lengths at the start, m.
     pub initial_toe_m: [f64; TOES],
     /// IMU errors.
@@ -434,6 +520,21 @@ pub struct Simulation {
     pub operator_press_s: f64,
     /// See `operator_press_s`.
     pub operator_release_s: Option<f64>,
+}
+
+/// The floor that the simulated robot walks on: tiles of random height, terraces on top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Floor {
+    /// Length of a tile, m.
+    pub tile_m: f64,
+    /// Tiles are uniformly within ± this, drawn by the simulation's seed, m.
+    pub half_width_m: f64,
+    /// The tiles begin so far from the start, m.
+    pub level_until_m: f64,
+    /// Place and height of each terrace, m, in rising order: this high from there on.
+    pub steps: Vec<[f64; 2]>,
+    /// Radius of the toes' tips, m.
+    pub tip_radius_m: f64,
 }
 
 /// Figures of the 3DM-GX3 (thesis 2.1.2).

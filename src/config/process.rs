@@ -1,6 +1,6 @@
 //! Reads `rt` and `control`: threads, timing, controller and observer. RT: before arming only.
 
-use super::checked::{Control, ControllerKind, Input, RealTime, Thread, Trigger};
+use super::checked::{Control, ControllerKind, FootPlacement, Input, RealTime, Thread, Trigger, Walk};
 use super::reader::{Reader, range};
 use crate::base::time::Span;
 use crate::msg::Leg;
@@ -45,8 +45,12 @@ fn thread(r: &Reader<'_>) -> Thread {
 }
 
 pub(super) fn control(r: &Reader<'_>) -> Control {
-    const CONTROLLERS: &[(&str, ControllerKind)] =
-        &[("idle", ControllerKind::Idle), ("hold", ControllerKind::Hold), ("balance", ControllerKind::Balance)];
+    const CONTROLLERS: &[(&str, ControllerKind)] = &[
+        ("idle", ControllerKind::Idle),
+        ("hold", ControllerKind::Hold),
+        ("balance", ControllerKind::Balance),
+        ("walk", ControllerKind::Walk),
+    ];
     Control {
         controller: r.choice("controller", CONTROLLERS, ControllerKind::Idle),
         stance: r.choice("stance", LEGS, Leg::Inner),
@@ -59,5 +63,50 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
         friction_compensation: r.number("friction_compensation", range(0.0, 2.0, "1")),
         hold_stiffness_nm_rad: r.number("hold_stiffness_nm_rad", range(0.0, 1e5, "Nm/rad")),
         hold_damping_nm_s_rad: r.number("hold_damping_nm_s_rad", range(0.0, 1e4, "Nm s/rad")),
+        walk: r.table("walk", walk),
+        foot_placement: r.table("foot_placement", foot_placement),
+    }
+}
+
+fn walk(r: &Reader<'_>) -> Walk {
+    let time = range(0.0, 1e6, "s");
+    Walk {
+        speed_m_s: r.number("speed_m_s", range(0.0, 2.0, "m/s")),
+        start_s: r.number("start_s", time),
+        stop_s: r.optional_number("stop_s", time),
+    }
+}
+
+fn foot_placement(r: &Reader<'_>) -> FootPlacement {
+    FootPlacement {
+        speed_m_s: r.number("speed_m_s", range(0.05, 2.0, "m/s")),
+        angle_rad: r.number("angle_rad", range(0.02, 0.5, "rad")),
+        angle_per_speed_s_m: r.number("angle_per_speed_s_m", range(0.0, 2.0, "rad s/m")),
+        least_angle_rad: r.number("least_angle_rad", range(0.0, 0.5, "rad")),
+        most_angle_rad: r.number("most_angle_rad", range(0.0, 0.5, "rad")),
+        placement_share: r.number("placement_share", range(0.0, 2.0, "1")),
+        learning: r.number("learning", range(0.0, 1.0, "1")),
+        first_gain: r.number("first_gain", range(-1.0, 1.0, "rad^2/s^2")),
+        first_angle_rad: r.number("first_angle_rad", range(0.0, 0.5, "rad")),
+        lead_s: r.number("lead_s", range(0.0, 0.5, "s")),
+        shortest_swing_s: r.number("shortest_swing_s", range(0.05, 2.0, "s")),
+        frozen_s: r.number("frozen_s", range(0.0, 0.5, "s")),
+        retraction_rad_s: r.number("retraction_rad_s", range(0.0, 2.0, "rad/s")),
+        bandwidth_rad_s: r.number("bandwidth_rad_s", range(1.0, 60.0, "rad/s")),
+        damping_ratio: r.number("damping_ratio", range(0.1, 3.0, "1")),
+        toe_reach_m: r.number("toe_reach_m", range(0.0, 0.2, "m")),
+        toe_least_m: r.number("toe_least_m", range(0.0, 0.2, "m")),
+        toe_nominal_m: r.number("toe_nominal_m", range(0.0, 0.2, "m")),
+        toe_kept: r.number("toe_kept", range(0.0, 1.0, "1")),
+        toe_out_s: r.number("toe_out_s", range(0.0, 1.0, "s")),
+        toe_out_rad: r.number("toe_out_rad", range(-0.5, 0.5, "rad")),
+        floor_share: r.number("floor_share", range(0.0, 2.0, "1")),
+        floor_memory: r.number("floor_memory", range(0.0, 1.0, "1")),
+        slope_share: r.number("slope_share", range(0.0, 1.0, "1")),
+        push_m: r.number("push_m", range(0.0, 0.2, "m")),
+        push_per_angle_m_rad: r.number("push_per_angle_m_rad", range(0.0, 2.0, "m/rad")),
+        push_most_m: r.number("push_most_m", range(0.0, 0.2, "m")),
+        first_push_m: r.number("first_push_m", range(0.0, 0.2, "m")),
+        push_rad: r.number("push_rad", range(-0.5, 0.5, "rad")),
     }
 }

@@ -121,6 +121,27 @@ impl Reader<'_> {
         Span::from_s(self.number(key, range(min, max, unit)) * scale)
     }
 
+    /// A list of any length of pairs of numbers, each in its range.
+    pub(super) fn pairs(&self, key: &'static str, first: Range, second: Range) -> Vec<[f64; 2]> {
+        let Some(node) = self.get(key) else { return Vec::new() };
+        let Raw::List(items) = &node.value else {
+            self.wrong(key, node, "must be a list of pairs of numbers");
+            return Vec::new();
+        };
+        let mut out = Vec::new();
+        for item in items {
+            match &item.value {
+                Raw::List(pair) if pair.len() == 2 => {
+                    out.push([self.plain_number(key, &pair[0], first), self.plain_number(key, &pair[1], second)]);
+                }
+                _ => self.wrong(key, item, "must be a pair of numbers"),
+            }
+        }
+        let text: Vec<String> = out.iter().map(|[a, b]| format!("[{a:?}, {b:?}]")).collect();
+        self.note(key, format!("[{}]", text.join(", ")));
+        out
+    }
+
     /// So many numbers in a range.
     pub(super) fn numbers<const N: usize>(&self, key: &'static str, range: Range) -> [f64; N] {
         let mut out = [f64::NAN; N];

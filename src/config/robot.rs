@@ -75,6 +75,8 @@ fn toe(r: &Reader<'_>) -> Toe {
     let toe = Toe {
         stroke_m: r.number("stroke_m", range(0.001, 0.5, "m")),
         rate_limit_m_s: r.number("rate_limit_m_s", range(0.001, 10.0, "m/s")),
+        acceleration_limit_m_s2: r.number("acceleration_limit_m_s2", range(0.01, 100.0, "m/s^2")),
+        force_limit_n: r.number("force_limit_n", range(1.0, 1e5, "N")),
         counts_per_m: r.number("counts_per_m", range(1e3, 1e9, "counts/m")),
         spring_n_m: r.number("spring_n_m", range(10.0, 1e7, "N/m")),
         preload_n: r.number("preload_n", range(0.0, 1e4, "N")),

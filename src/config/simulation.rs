@@ -1,6 +1,6 @@
 //! Reads `sim`: the simulated robot and its imperfections. RT: before arming only.
 
-use super::checked::{ImuErrors, Model, Simulation};
+use super::checked::{Floor, ImuErrors, Model, Simulation};
 use super::process::LEGS;
 use super::reader::{Reader, range};
 use super::robot::{elasticity, model};
@@ -28,6 +28,7 @@ pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
         lift_off: r.flag("lift_off"),
         toe_springs: r.flag("toe_springs"),
         ground_slope_rad: r.number("ground_slope_rad", range(-0.5, 0.5, "rad")),
+        floor: r.optional_table("floor", floor),
         initial_toe_m: r.numbers("initial_toe_m", range(0.0, 0.5, "m")),
         imu: r.table("imu", imu_errors),
         bus_timing: r.flag("bus_timing"),
@@ -43,6 +44,21 @@ fn body(r: &Reader<'_>) -> Model {
         r.refuse("hip_elasticity", "belongs into sim.hip_elasticity");
     }
     body
+}
+
+fn floor(r: &Reader<'_>) -> Floor {
+    let (height, place) = (range(-1.0, 1.0, "m"), range(-1e3, 1e6, "m"));
+    let steps = r.pairs("steps", place, height);
+    if steps.windows(2).any(|w| w[1][0] <= w[0][0]) {
+        r.refuse("steps", "places must rise");
+    }
+    Floor {
+        tile_m: r.number("tile_m", range(0.01, 10.0, "m")),
+        half_width_m: r.number("half_width_m", range(0.0, 0.2, "m")),
+        level_until_m: r.number("level_until_m", place),
+        steps,
+        tip_radius_m: r.number("tip_radius_m", range(0.0, 0.05, "m")),
+    }
 }
 
 fn imu_errors(r: &Reader<'_>) -> ImuErrors {

@@ -26,17 +26,22 @@
 )]
 
 mod balance;
+mod foot_placement;
 mod friction;
 mod gains;
 mod hold;
+mod swing;
 pub mod tables;
+mod walk;
 
 use crate::base::riccati::RiccatiError;
 use crate::base::time::Stamp;
 use crate::config::checked::{Config, ControllerKind, Toe};
-use crate::msg::{Estimate, JointCommand, Leg, Snapshot, TOES};
+use crate::msg::{ControlState, Estimate, JointCommand, LawName, Leg, Snapshot, TOES};
 use balance::Balance;
+use foot_placement::Wish;
 use hold::Hold;
+use walk::Walk;
 
 pub use gains::{Gain, balance_gain};
 
@@ -58,6 +63,7 @@ pub enum ControllerError {
 pub struct Controller {
     law: Law,
     toes: ToeLengths,
+    state: ControlState,
 }
 
 #[derive(Clone, Debug)]
@@ -65,6 +71,7 @@ enum Law {
     Idle,
     Hold(Hold),
     Balance(Balance),
+    Walk(Box<Walk>),
 }
 
 impl Controller {
@@ -77,26 +84,47 @@ impl Controller {
             ControllerKind::Idle => Law::Idle,
             ControllerKind::Hold => Law::Hold(Hold::new(&config.control)),
             ControllerKind::Balance => Law::Balance(Balance::new(config)?),
+            ControllerKind::Walk => Law::Walk(new_walk(config)?),
         };
-        Ok(Self { law, toes: ToeLengths::new(&config.robot.toe) })
+        Ok(Self { law, toes: ToeLengths::new(&config.robot.toe), state: ControlState::default() })
+    }
+
+    /// What it has been doing in the last step.
+    #[must_use]
+    pub const fn state(&self) -> &ControlState {
+        &self.state
     }
 
     /// Begins anew: on arming.
-    pub const fn reset(&mut self, estimate: &Estimate, _snapshot: &Snapshot) {
-        if let Law::Hold(hold) = &mut self.law {
-            hold.reset(estimate);
+    pub fn reset(&mut self, now: Stamp, estimate: &Estimate) {
+        match &mut self.law {
+            Law::Hold(hold) => hold.reset(estimate),
+            Law::Walk(walk) => walk.reset(now),
+            Law::Idle | Law::Balance(_) => {}
         }
     }
 
     /// Torque and toe lengths for this state. Finite for any finite state; not finite for a state that is not.
     pub fn step(&mut self, now: Stamp, estimate: &Estimate, snapshot: &Snapshot) -> JointCommand {
-        let hip_torque_nm = match &self.law {
-            Law::Idle => 0.0,
-            Law::Hold(hold) => hold.torque_nm(estimate),
-            Law::Balance(balance) => balance.torque_nm(estimate, snapshot.late),
+        let (hip_torque_nm, law) = match &mut self.law {
+            Law::Idle => (0.0, LawName::Idle),
+            Law::Hold(hold) => (hold.torque_nm(estimate), LawName::Hold),
+            Law::Balance(balance) => (balance.torque_nm(estimate, snapshot.late), LawName::Balance),
+            Law::Walk(walk) => {
+                let (wish, state) = walk.step(now, estimate, snapshot);
+                self.state = state;
+                let Wish { hip_torque_nm, toe_position_m, .. } = wish;
+                return JointCommand { stamp: now, hip_torque_nm, toe_position_m };
+            }
         };
+        self.state = ControlState { stamp: now, law, ..ControlState::default() };
         JointCommand { stamp: now, hip_torque_nm, toe_position_m: self.toes.for_stance(estimate.stance) }
     }
+}
+
+#[expect(clippy::disallowed_methods, reason = "before arming")]
+fn new_walk(config: &Config) -> Result<Box<Walk>, ControllerError> {
+    Ok(Box::new(Walk::new(config, Balance::new(config)?)))
 }
 
 /// Toe lengths of the leg that stands and of the one that swings.

@@ -45,6 +45,9 @@ use touchdown::Detector;
 /// Longest gap that the observer bridges with its model; after more it starts again.
 const LONGEST_GAP: Span = Span::from_ms(50);
 
+/// So long after a touchdown the bias learns nothing: rates are means over some ms, and the legs ring.
+const SETTLING: Span = Span::from_ms(40);
+
 /// Why there is no estimator for a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum EstimatorError {
@@ -75,6 +78,7 @@ pub struct Estimator {
     touchdown: Detector,
     innovation_rad: [f64; 2],
     last: Stamp,
+    landed: Stamp,
     steps: u32,
 }
 
@@ -105,6 +109,7 @@ impl Estimator {
             touchdown: Detector::new(control.touchdown_spring_m),
             innovation_rad: [0.0; 2],
             last: Stamp::NEVER,
+            landed: Stamp::NEVER,
             steps: 0,
         })
     }
@@ -149,6 +154,7 @@ impl Estimator {
                 self.last = now;
                 if self.touchdown.has_landed(now, snapshot, self.stance.other()) {
                     self.change_stance();
+                    self.landed = now;
                 }
                 self.estimate(now, snapshot)
             }
@@ -176,11 +182,20 @@ impl Estimator {
                 let y = m.stance_first(self.stance);
                 self.innovation_rad = [y[0] - predicted[0], y[1] - predicted[1]];
                 predicted = self.observer.correct(&predicted, self.innovation_rad, dt_s);
+                // Rates that mix before and after a touchdown say nothing about the moment of gravity.
+                if self.landed != Stamp::NEVER && self.last.since(self.landed) < SETTLING {
+                    return self.keep(predicted);
+                }
                 let whole = self.model().whole;
                 self.bias.step(&whole, &m.prompt_stance_first(self.stance), dt_s);
             }
         }
         self.state = Some(predicted);
+    }
+
+    const fn keep(&mut self, state: State) {
+        self.bias.pause();
+        self.state = Some(state);
     }
 
     const fn model(&self) -> &StanceModel {

@@ -23,12 +23,15 @@
 mod build;
 mod contact;
 mod events;
+mod floor;
 mod foot;
 mod hold;
 mod impulse;
 mod motion;
+mod second;
 mod solve;
 mod start;
+mod toes;
 #[cfg(test)]
 mod tests;
 
@@ -40,9 +43,11 @@ use crate::base::scalar::Scalar;
 use std::collections::VecDeque;
 
 pub use contact::{Contact, Strike};
+pub use floor::Floor;
 use motion::{FlowOf, Plant, Stages};
 pub use motion::{Phase, Work};
 pub use start::Inner;
+pub use toes::ToeMotion;
 use start::STABLE_DECAY;
 
 /// Most bristles.
@@ -372,6 +377,7 @@ impl<S: Scalar> Machine<S> {
         self.y.copy_from(&self.end, self.plant.n, self.plant.bristles);
         self.now += h;
         self.flow_of = if self.flow_of == FlowOf::End { FlowOf::Start } else { FlowOf::Nothing };
+        self.follow_second_foot();
         self.remember();
     }
 

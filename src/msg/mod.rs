@@ -8,6 +8,7 @@
 use iceoryx2::prelude::ZeroCopySend;
 
 mod command;
+mod control;
 mod estimate;
 mod fault;
 mod frame;
@@ -21,6 +22,7 @@ pub use estimate::{Estimate, Snapshot};
 pub use fault::{Fault, FaultCode};
 pub use frame::{BusFrame, CanFrame, FrameBatch, Frames, MAX_DATA, MAX_FRAMES};
 pub use reflect::{Element, FieldShape, Kind, Shape, Value};
+pub use control::{ControlState, LawName, Motion};
 pub use sensor::{
     BusHealth, DriveFeedback, DriveFeedbacks, DriveState, ImuBatch, ImuSample, MAX_IMU, OperatorSample, ZeroState,
 };

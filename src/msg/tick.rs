@@ -3,7 +3,7 @@
 
 use super::reflect::message;
 use super::{
-    BUSES, BusHealth, DriveCommands, DriveFeedbacks, Estimate, FrameBatch, ImuBatch, JointCommand, OperatorSample,
+    BUSES, BusHealth, ControlState, DriveCommands, DriveFeedbacks, Estimate, FrameBatch, ImuBatch, JointCommand, OperatorSample,
     Snapshot, Status,
 };
 use crate::base::time::{Span, Stamp};
@@ -102,6 +102,8 @@ message! {
         pub snapshot: Snapshot,
         /// State of the robot.
         pub estimate: Estimate,
+        /// What the controller is doing.
+        pub control: ControlState,
         /// What the controller wanted.
         pub wanted: JointCommand,
         /// What safety let through.

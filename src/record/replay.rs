@@ -131,9 +131,10 @@ pub fn from_estimates(mut controller: Controller) -> impl FnMut(&TickRecord, &mu
         *replayed = *recorded;
         // As in the tick: until armed, each tick is a new beginning.
         if mode_before != Mode::Armed {
-            controller.reset(&recorded.estimate, &recorded.snapshot);
+            controller.reset(recorded.input.now, &recorded.estimate);
         }
         replayed.wanted = controller.step(recorded.input.now, &recorded.estimate, &recorded.snapshot);
+        replayed.control = *controller.state();
         mode_before = recorded.status.mode;
     }
 }

@@ -6,7 +6,7 @@
 use super::cdr::{decode, encode};
 use crate::base::time::Stamp;
 use crate::msg::{
-    BUSES, BusFrame, DriveCommands, DriveFeedbacks, Element, Estimate, FrameBatch, ImuBatch, ImuSample, JointCommand,
+    BUSES, BusFrame, ControlState, DriveCommands, DriveFeedbacks, Element, Estimate, FrameBatch, ImuBatch, ImuSample, JointCommand,
     OperatorSample, RecorderStatus, Shape, Snapshot, Status, TickHead, TickRecord,
 };
 
@@ -22,6 +22,7 @@ pub enum Stream {
     Feedback,
     Snapshot,
     Estimate,
+    Control,
     Wanted,
     Allowed,
     Drives,
@@ -33,7 +34,7 @@ pub enum Stream {
 
 impl Stream {
     /// All of them; the index is the order within a tick.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Tick,
         Self::Bus0Rx,
         Self::Bus1Rx,
@@ -42,6 +43,7 @@ impl Stream {
         Self::Feedback,
         Self::Snapshot,
         Self::Estimate,
+        Self::Control,
         Self::Wanted,
         Self::Allowed,
         Self::Drives,
@@ -68,6 +70,7 @@ impl Stream {
             Self::Feedback => "feedback",
             Self::Snapshot => "snapshot",
             Self::Estimate => "estimate",
+            Self::Control => "control",
             Self::Wanted => "wanted",
             Self::Allowed => "allowed",
             Self::Drives => "drives",
@@ -89,6 +92,7 @@ impl Stream {
             Self::Feedback => &DriveFeedbacks::SHAPE,
             Self::Snapshot => &Snapshot::SHAPE,
             Self::Estimate => &Estimate::SHAPE,
+            Self::Control => &ControlState::SHAPE,
             Self::Wanted | Self::Allowed => &JointCommand::SHAPE,
             Self::Drives => &DriveCommands::SHAPE,
             Self::Status => &Status::SHAPE,
@@ -149,6 +153,7 @@ pub fn explode<E>(
     out.put(Stream::Feedback, now, &record.feedback)?;
     out.put(Stream::Snapshot, record.snapshot.stamp, &record.snapshot)?;
     out.put(Stream::Estimate, record.estimate.stamp, &record.estimate)?;
+    out.put(Stream::Control, record.control.stamp, &record.control)?;
     out.put(Stream::Wanted, record.wanted.stamp, &record.wanted)?;
     out.put(Stream::Allowed, record.allowed.stamp, &record.allowed)?;
     out.put(Stream::Drives, record.drives.stamp, &record.drives)?;
@@ -232,6 +237,7 @@ impl Assembly {
             Stream::Feedback => record.feedback = decode(bytes)?,
             Stream::Snapshot => record.snapshot = decode(bytes)?,
             Stream::Estimate => record.estimate = decode(bytes)?,
+            Stream::Control => record.control = decode(bytes)?,
             Stream::Wanted => record.wanted = decode(bytes)?,
             Stream::Allowed => record.allowed = decode(bytes)?,
             Stream::Drives => record.drives = decode(bytes)?,
@@ -247,6 +253,7 @@ impl Assembly {
             | 1 << Stream::Feedback as u32
             | 1 << Stream::Snapshot as u32
             | 1 << Stream::Estimate as u32
+            | 1 << Stream::Control as u32
             | 1 << Stream::Wanted as u32
             | 1 << Stream::Allowed as u32
             | 1 << Stream::Drives as u32

@@ -95,9 +95,10 @@ impl Tick {
     /// Until armed, each tick is a new beginning.
     fn control(&mut self, tick: &mut TickRecord) {
         if self.guard.mode() != Mode::Armed {
-            self.controller.reset(&tick.estimate, &tick.snapshot);
+            self.controller.reset(tick.input.now, &tick.estimate);
         }
         tick.wanted = self.controller.step(tick.input.now, &tick.estimate, &tick.snapshot);
+        tick.control = *self.controller.state();
     }
 
     fn guard(&mut self, tick: &mut TickRecord) {

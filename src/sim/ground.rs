@@ -1,16 +1,16 @@
 //! The simulated robot on the ground: [`World`] around the stepping machine that identification and diagnosis use too.
 //!
-//! Touchdown with exact event location, slip, flight and rebound are the machine's; the toes are [`super::toes`].
+//! Touchdown with exact event location, slip, flight, rebound, both feet on the ground and moving toes are the machine's;
+//! how the toes' screws and springs move is [`super::toes`].
 //! The leg length of the model is that with the toes at `robot.toe.extended_m`.
-//! Limits: a toe's travel lifts and lowers quasi-statically (no push-off); no double support, so a robot that comes to
-//! rest on both feet sinks; a robot whose hip comes to the floor stays there. RT: no.
+//! Limits: a robot whose hip comes to the floor stays there. RT: no.
 
 use super::toes::Toes;
 use super::{Reading, World};
 use crate::base::time::Span;
-use crate::config::checked::Config;
+use crate::config::checked::{Config, Simulation};
 use crate::model::effect::EffectKind;
-use crate::model::machine::{Contact, Machine, MachineError};
+use crate::model::machine::{Contact, Floor, Machine, MachineError};
 use crate::model::rig::Side;
 use crate::model::rig::{MechanismKind, Setup, Site};
 use crate::model::setting::{ActuatorSetting, EffectSetting, Number, Setting};
@@ -49,9 +49,13 @@ impl GroundWorld {
             machine.let_lift_off();
         }
         let toes = Toes::new(config);
+        if !sim.on_blocks {
+            machine.let_stand_on_both();
+            machine.give_toes(toes.motion().map(|m| m.short_m))?;
+            machine.lay_floor(floor(sim));
+        }
         let ([ai, ao], [vi, vo]) = (sim.initial_angle_rad, sim.initial_rate_rad_s);
         machine.set_stance(sim.stance as usize);
-        machine.set_toes(toes.shortening_m());
         machine.reset(0.0, &[ai, ao, vi, vo]);
         let mut world = Self {
             machine,
@@ -90,9 +94,9 @@ impl GroundWorld {
         self.shown = Reading { leg_rate_rad_s: [0.0; 2], imu_accel_m_s2: [0.0; 2], airborne: false, ..self.shown };
     }
 
-    /// Component of a vector along and normal to the ground along the leg that stands, from toe to hip.
-    fn along_stance_leg(&self, [along, normal]: [f64; 2]) -> f64 {
-        let (sin, cos) = libm::sincos(self.machine.coordinate(self.machine.stance()) + self.slope_rad);
+    /// Component of a vector along and normal to the ground along a leg, from toe to hip.
+    fn along_leg(&self, leg: usize, [along, normal]: [f64; 2]) -> f64 {
+        let (sin, cos) = libm::sincos(self.machine.coordinate(leg) + self.slope_rad);
         normal * cos - along * sin
     }
 
@@ -113,15 +117,32 @@ impl GroundWorld {
     /// The springs take up what the legs have met.
     fn load_toes(&mut self) {
         let mut load_n = [0.0; 2];
-        load_n[self.machine.stance()] = self.along_stance_leg(self.shown.ground_force_n);
+        let stance = self.machine.stance();
+        load_n[stance] = self.along_leg(stance, self.shown.ground_force_n);
+        if let Some(force_n) = self.machine.second_foot_force() {
+            load_n[1 - stance] = self.along_leg(1 - stance, force_n);
+        }
         self.toes.load(load_n);
         let (touchdowns, _) = self.machine.touchdowns();
         if touchdowns != self.touchdowns {
             self.touchdowns = touchdowns;
             let strike = self.machine.last_strike();
-            let speed = -self.along_stance_leg(strike.velocity_m_s);
-            self.toes.strike(self.machine.stance(), self.along_stance_leg(strike.impulse_ns), speed);
+            let speed = -self.along_leg(stance, strike.velocity_m_s);
+            self.toes.strike(stance, self.along_leg(stance, strike.impulse_ns), speed);
         }
+    }
+}
+
+/// The floor of a configuration.
+fn floor(sim: &Simulation) -> Floor {
+    let Some(f) = &sim.floor else { return Floor::default() };
+    Floor {
+        tile_m: f.tile_m,
+        half_width_m: f.half_width_m,
+        seed: sim.seed,
+        level_until_m: f.level_until_m,
+        terraces: f.steps.clone(),
+        tip_radius_m: f.tip_radius_m,
     }
 }
 
@@ -179,8 +200,9 @@ fn effects(config: &Config) -> Vec<EffectSetting> {
 
 impl World for GroundWorld {
     fn step(&mut self, hip_torque_nm: f64, toe_target_m: [f64; TOES], dt: Span) {
-        self.toes.advance(toe_target_m, dt.as_s());
-        self.machine.set_toes(self.toes.shortening_m());
+        let motion = self.toes.set_out(toe_target_m, dt.as_s());
+        self.machine.set_toes(motion);
+        self.toes.advance(dt.as_s());
         self.held = self.held && hip_torque_nm.abs() < self.release_torque_nm;
         if !self.held && !self.fallen {
             self.machine.command(0, hip_torque_nm, true);

@@ -123,6 +123,7 @@ fn digest(seed: u64, record: &TickRecord) -> u64 {
     record.feedback.put(&mut sink);
     record.snapshot.put(&mut sink);
     record.estimate.put(&mut sink);
+    record.control.put(&mut sink);
     record.allowed.put(&mut sink);
     record.drives.put(&mut sink);
     record.status.put(&mut sink);

@@ -27,6 +27,23 @@ impl<S: Scalar> Toe<S> {
         (position_m + travel).clamp_to(0.0, self.stroke_m.value())
     }
 
+    /// Acceleration over the next `dt_s` of a position loop that takes the screw from `(position, rate)` to `target_m` as
+    /// fast as rate, stroke and `limit_m_s2` allow, without overshoot.
+    #[must_use]
+    pub fn acceleration_towards(&self, (position_m, rate_m_s): (S, S), target_m: S, limit_m_s2: f64, dt_s: f64) -> S {
+        if dt_s <= 0.0 {
+            return S::zero();
+        }
+        let to_go = target_m.clamp_to(0.0, self.stroke_m.value()) - position_m;
+        // v²/2a left to brake in, less what this step still travels.
+        let half = 0.5 * limit_m_s2 * dt_s;
+        let reach = (to_go.abs() * (2.0 * limit_m_s2) + half * half).sqrt() - half;
+        let fastest = reach.clamp_to(0.0, self.rate_limit_m_s.value());
+        let arrives = to_go.abs() / dt_s;
+        let wanted = if arrives.value() < fastest.value() { arrives } else { fastest } * to_go.sign();
+        ((wanted - rate_m_s) / dt_s).clamp_to(-limit_m_s2, limit_m_s2)
+    }
+
     /// Compression of the spring (what the potentiometer reads), m, under the ground force `force_n` along the leg.
     #[must_use]
     pub fn compression_m(&self, force_n: S) -> S {

@@ -256,5 +256,7 @@ fn ground<S: Scalar>(setting: &Setting, lift: Lift<'_, S>) -> Ground<S> {
         compliance: first(EffectKind::ToeCompliance).map(|x| (lift(&x[0]), lift(&x[1]))),
         radius: first(EffectKind::RoundFoot).map(|x| lift(&x[0])),
         lift_off: false,
+        both: false,
+        floor: None,
     }
 }

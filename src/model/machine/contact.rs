@@ -9,18 +9,21 @@
 //! Without one it is armed once the foot has swung to the other side and is clearly apart from the stance foot: earlier
 //! scuffing is ignored (the toe is retracted).
 //!
-//! With toes of known length ([`Machine::set_toes`]) nothing is ignored but feet side by side: a foot that has been clear
-//! of the ground may come down on either side.
+//! With toes that are followed ([`Machine::give_toes`]) nothing is ignored but feet side by side: a foot that has been
+//! clear of the ground may come down on either side.
 //!
 //! # Limits
-//! No double support: the old foot leaves at touchdown, with `toe_compliance` too. The stance foot leaves the ground by
-//! rebound (`elastic_impact`), and when the ground would have to pull, if [`Machine::let_lift_off`] was called.
+//! No double support unless [`Machine::let_stand_on_both`] was called ([`super::second`]): the old foot leaves at touchdown,
+//! with `toe_compliance` too. The stance foot leaves the ground by rebound (`elastic_impact`), and when the ground would
+//! have to pull, if [`Machine::let_lift_off`] was called.
 //! RT: yes, no allocation.
 
 use super::events::Guard;
+use super::floor::Floor;
 use super::foot::{APART, FootRows};
 use super::hold::{Holder, product};
 use super::motion::FlowOf;
+use super::second::Second;
 use super::{Machine, MachineError};
 use crate::base::scalar::Scalar;
 use crate::model::mechanism::{Body, MAX};
@@ -47,6 +50,10 @@ pub(super) struct Ground<S> {
     pub(super) radius: Option<S>,
     /// The ground does not pull.
     pub(super) lift_off: bool,
+    /// Both feet may touch at once.
+    pub(super) both: bool,
+    /// Heights; absent = even.
+    pub(super) floor: Option<Floor>,
 }
 
 /// State of the feet.
@@ -63,8 +70,12 @@ pub(super) struct Feet<S> {
     pub(super) due: Option<usize>,
     pub(super) touchdowns: u32,
     pub(super) last_touchdown: S,
-    /// What each leg is shorter than its length, m, if the toes are followed.
-    pub(super) short: Option<[S; 2]>,
+    /// First of the two coordinates of the toes, if they are followed.
+    pub(super) toes: Option<usize>,
+    pub(super) short_at_start: [S; 2],
+    pub(super) toe_acceleration: [S; 2],
+    /// The other foot, while it touches the ground too.
+    pub(super) second: Option<Second<S>>,
     pub(super) last_strike: Strike<S>,
 }
 
@@ -158,25 +169,29 @@ impl<S: Scalar> Machine<S> {
         self.plant.ground.lift_off = true;
     }
 
-    /// Toes that make the legs shorter than their length by so much, m, inner and outer.
-    ///
-    /// Quasi-static: levers and heights change and the standing robot sinks or rises, but the speed with which a toe
-    /// travels does not enter the motion.
-    pub fn set_toes(&mut self, short: [S; 2]) {
-        let Some(legs) = self.plant.legs() else { return };
-        self.flow_of = FlowOf::Nothing;
-        let s = legs.stance();
-        let change = short[s] - self.plant.short(s);
-        let (sin, cos) = (self.y.q[s] + legs.slope()).sin_cos();
-        if self.plant.feet.contact != Contact::Flight {
-            // The tip stays; the toe of a leg of full length is `short` beyond it.
-            let rate = self.y.v[s];
-            self.y.q[2] += change * sin;
-            self.y.q[3] -= change * cos;
-            self.y.v[2] += change * cos * rate;
-            self.y.v[3] += change * sin * rate;
-        }
-        self.plant.feet.short = Some(short);
+    /// Walks over these heights from now on.
+    pub fn lay_floor(&mut self, floor: Floor) {
+        self.plant.ground.floor = Some(floor);
+    }
+
+    /// Place of the stance foot (the ground's point, not the end of the full leg), m: along the ground since the reset,
+    /// and above its mean.
+    #[must_use]
+    pub fn foot_m(&self) -> [S; 2] {
+        let Some(legs) = self.plant.legs() else { return [S::zero(); 2] };
+        let (leg, slope) = (legs.stance(), legs.slope());
+        let place = self.plant.foot_place(&self.y, leg).unwrap_or_default();
+        [place, self.y.q[3] + self.plant.short(&self.y, leg) * (self.y.q[leg] + slope).cos()]
+    }
+
+    /// Height of the swing foot over the floor below it, m.
+    #[must_use]
+    pub fn swing_clearance(&self) -> S {
+        self.plant.swing_height(&self.y).unwrap_or_default()
+    }
+
+    /// A foot that is clear of the ground may come down on either side.
+    pub(super) fn arm_clear_foot(&mut self) {
         if self.plant.swing_height(&self.y).is_some_and(|h| h.value() > CLEAR_M) {
             self.plant.feet.side = 0.0;
         }
@@ -213,8 +228,16 @@ impl<S: Scalar> Machine<S> {
         }
     }
 
-    /// The swing foot hits the ground: impulse, exchange of legs.
+    /// The swing foot hits the ground.
     pub(super) fn touch_down(&mut self) {
+        if !self.lands_beside() {
+            self.exchange();
+        }
+    }
+
+    /// The swing foot becomes the one that stands: impulse, exchange of legs.
+    fn exchange(&mut self) {
+        self.plant.feet.second = None;
         let Some(rows) = self.plant.foot_rows(&self.y, true) else { return };
         let Some(stride) = self.plant.stride(&self.y) else { return };
         let toe = self.plant.swing_toe_rows(&self.y);
@@ -261,7 +284,7 @@ impl<S: Scalar> Machine<S> {
     /// takes the speed along the ground, without a spring, for the same time: exp(-2πD/√(1-D²)) = e² is left (own
     /// derivation, test `a_rebound_...`). A walk of another simulator with e = .334 has 1.01 of its noise left at the
     /// truth, 1.13 with sticking, which then fits e = .40.
-    fn strike(&mut self, rows: &FootRows<S>) {
+    pub(super) fn strike(&mut self, rows: &FootRows<S>) {
         let n = self.plant.n;
         let (wt, wn) = (self.work.kick(&rows.tangent, n), self.work.kick(&rows.normal, n));
         let speed = [product(&rows.tangent, &self.y.v, n), product(&rows.normal, &self.y.v, n)];
@@ -332,11 +355,11 @@ impl<S: Scalar> Machine<S> {
 
     /// The stance foot at the start of a run: on the ground, rolling or sprung as the legs turn.
     pub(super) fn start_feet(&mut self) {
-        let Feet { told, short, .. } = self.plant.feet;
-        self.plant.feet = Feet { told, side: self.standing_side().unwrap_or(0.0), ..Feet::default() };
-        if let Some(short) = short {
-            self.set_toes(short);
-        }
+        let Feet { told, toes, short_at_start, .. } = self.plant.feet;
+        self.plant.feet = Feet { told, toes, short_at_start, ..Feet::default() };
+        self.start_toes();
+        self.plant.feet.side = self.standing_side().unwrap_or(0.0);
+        self.arm_clear_foot();
         let Some(legs) = self.plant.legs() else { return };
         let s = legs.stance();
         let (angle, rate) = (self.y.q[s] + legs.slope(), self.y.v[s]);
@@ -364,9 +387,13 @@ impl<S: Scalar> Machine<S> {
         self.plant.feet.contact = Contact::Sliding(if held > 0.0 { -1.0 } else { 1.0 });
     }
 
-    /// The ground would have to pull.
+    /// The ground would have to pull: the other foot stands from now on if it is on the ground.
     pub(super) fn lift_off(&mut self) {
-        self.plant.feet.contact = Contact::Flight;
+        if self.second_foot_force().is_some() {
+            self.exchange();
+        } else {
+            self.plant.feet.contact = Contact::Flight;
+        }
     }
 
     /// A sliding foot has come to rest.

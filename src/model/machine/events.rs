@@ -135,6 +135,7 @@ impl<S: Scalar> Machine<S> {
                 },
                 Holder::Tangent => self.plant.cone_guard(work).map(|value| (Guard::SlideStart, value)),
                 Holder::Normal => self.plant.ground.lift_off.then_some((Guard::LiftOff, force + ROUNDING)),
+                Holder::Toe => None,
             }
         })
     }

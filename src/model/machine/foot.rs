@@ -57,14 +57,21 @@ impl<S: Scalar> Plant<S> {
         let leg = if swing { w } else { s };
         // A rolling arc: its contact point moves with the toe and turns about the arc's centre. A short toe: so too,
         // but it does not roll.
-        let (radius, short) = (self.ground.radius.unwrap_or_default(), self.short(leg));
+        let (radius, short) = (self.ground.radius.unwrap_or_default(), self.short(y, leg));
         let reach = radius + short;
-        if self.ground.radius.is_some() || self.feet.short.is_some() {
+        if self.ground.radius.is_some() || self.feet.toes.is_some() {
             let (sin, cos) = (y.q[leg] + legs.slope()).sin_cos();
             let rate = y.v[leg];
             rows.tangent[leg] -= reach * cos - radius;
             rows.normal[leg] -= reach * sin;
             rows.bias = [reach * sin * rate * rate, -(reach * cos * rate * rate)];
+            if let Some(toes) = self.feet.toes {
+                // The foot is `short` up the leg: its speed along the leg, d = (-sin, cos), and twice that across it.
+                (rows.tangent[toes + leg], rows.normal[toes + leg]) = (-sin, cos);
+                let twice = y.v[toes + leg] * rate * 2.0;
+                rows.bias[0] -= twice * cos;
+                rows.bias[1] -= twice * sin;
+            }
         }
         Some(rows)
     }
@@ -78,7 +85,8 @@ impl<S: Scalar> Plant<S> {
         if let Some(radius) = self.ground.radius {
             height += radius * (cw - 1.0);
         }
-        Some(height + self.short(w) * cw)
+        height += self.short(y, w) * cw;
+        Some(height - self.floor_under(y, w)?)
     }
 
     /// Swing toe ahead of the stance toe, m along the ground.
@@ -91,6 +99,9 @@ impl<S: Scalar> Plant<S> {
     /// Height of the swing foot if it may touch down now.
     pub(super) fn touchdown_guard(&self, y: &Phase<S>) -> Option<f64> {
         let legs = self.legs()?;
+        if self.feet.second.is_some() {
+            return None;
+        }
         if self.feet.told {
             self.feet.due.filter(|leg| *leg != legs.stance())?;
         } else {
@@ -115,7 +126,8 @@ impl<S: Scalar> Plant<S> {
     pub(super) fn stance_height(&self, y: &Phase<S>) -> S {
         let Some(legs) = self.legs() else { return y.q[3] };
         let cos = (y.q[legs.stance()] + legs.slope()).cos();
-        y.q[3] + self.ground.radius.unwrap_or_default() * (cos - 1.0) + self.short(legs.stance()) * cos
+        let height = y.q[3] + self.ground.radius.unwrap_or_default() * (cos - 1.0) + self.short(y, legs.stance()) * cos;
+        height - self.floor_under(y, legs.stance()).unwrap_or_default()
     }
 
     /// Sliding speed in the direction of sliding.
@@ -134,7 +146,7 @@ impl<S: Scalar> Plant<S> {
 
     /// True if the stance toe is a point that does not move.
     pub(super) fn stands_still(&self) -> bool {
-        let is_point = self.ground.radius.is_none() && self.ground.compliance.is_none() && self.feet.short.is_none();
+        let is_point = self.ground.radius.is_none() && self.ground.compliance.is_none() && self.feet.toes.is_none();
         self.walks && is_point && self.feet.contact == Contact::Held
     }
 
@@ -223,7 +235,21 @@ impl<S: Scalar> Plant<S> {
         y.q[3] + legs.length() * (cs - cw)
     }
 
-    pub(super) fn short(&self, leg: usize) -> S {
-        self.feet.short.map_or(S::zero(), |short| short[leg])
+    /// What `leg` is shorter than its length, m.
+    pub(super) fn short(&self, y: &Phase<S>, leg: usize) -> S {
+        self.feet.toes.map_or(S::zero(), |toes| y.q[toes + leg])
+    }
+
+    /// Place of the foot of `leg` along the ground, m.
+    pub(super) fn foot_place(&self, y: &Phase<S>, leg: usize) -> Option<S> {
+        let legs = self.legs()?;
+        let toe = if leg == legs.stance() { y.q[2] } else { y.q[2] + self.stride(y)? };
+        Some(toe - self.short(y, leg) * (y.q[leg] + legs.slope()).sin())
+    }
+
+    /// Height of the floor under the foot of `leg`, m.
+    fn floor_under(&self, y: &Phase<S>, leg: usize) -> Option<f64> {
+        let Some(floor) = &self.ground.floor else { return Some(0.0) };
+        Some(floor.height_m(self.foot_place(y, leg)?.value()))
     }
 }

@@ -16,6 +16,8 @@ pub(super) enum Holder {
     Tangent,
     /// Foot, normal to the ground.
     Normal,
+    /// A toe's screw.
+    Toe,
 }
 
 /// How a constraint is kept.
@@ -23,6 +25,8 @@ pub(super) enum Holder {
 enum Kind {
     /// `factor · a[index] = 0`.
     Still { index: usize, factor: f64 },
+    /// `a[index] = -bias`: a massless coordinate that a motor moves as it is told.
+    Driven { index: usize },
     /// `row · a = -bias`, by a force along `push`.
     Along,
 }
@@ -73,6 +77,14 @@ impl<S: Scalar> Held<S> {
         self.push(holder, Kind::Still { index, factor });
     }
 
+    /// Moves massless coordinate `index` with `acceleration`.
+    pub(super) fn drive(&mut self, index: usize, acceleration: S) {
+        if let Some(k) = self.push(Holder::Toe, Kind::Driven { index }) {
+            self.bias[k] = -acceleration;
+            self.force[k] = S::zero();
+        }
+    }
+
     /// Keeps `row · a = -bias` by a force along `push`.
     pub(super) fn along(&mut self, holder: Holder, row: [S; MAX], push: [S; MAX], bias: S) {
         if let Some(k) = self.push(holder, Kind::Along) {
@@ -107,13 +119,18 @@ impl<S: Scalar> Held<S> {
     pub(super) fn accelerate(&mut self, eq: &Equations<S>, n: usize, factor: &mut Factor<S>, a: &mut [S; MAX]) {
         let mut free = [true; MAX];
         for kind in &self.kinds[..self.len] {
-            if let Kind::Still { index, .. } = *kind {
+            if let Kind::Still { index, .. } | Kind::Driven { index } = *kind {
                 free[index] = false;
             }
         }
         factor.factor(&eq.mass, (0..n).filter(|i| free[*i]));
         for i in 0..n {
             a[i] = if free[i] { eq.force[i] } else { S::zero() };
+        }
+        for (kind, bias) in self.kinds[..self.len].iter().zip(&self.bias) {
+            if let Kind::Driven { index } = *kind {
+                a[index] = -*bias;
+            }
         }
         factor.solve(a);
         if self.len > 0 {

@@ -9,6 +9,7 @@ use crate::model::effect::actuator::Drive;
 use crate::model::effect::drive::{Rotor, StructuralMode};
 use crate::model::effect::friction::{Axis, BRISTLE_CREEP, BRISTLE_RATIO, Grip, Load};
 use crate::model::mechanism::{Body, Equations, MAX, Mechanism};
+use std::ops::Range;
 
 /// Continuous state: coordinates, rates, bristle deflections.
 #[derive(Clone, Debug)]
@@ -88,6 +89,8 @@ pub struct Work<S> {
     pub(super) level: [S; MAX],
     /// Force on the toe's coordinates before the ground acts.
     pub(super) toe_bias: [S; 2],
+    /// Coordinates that move as they are told, whatever the forces: toes.
+    pub(super) driven: Range<usize>,
 }
 
 impl<S: Scalar> Default for Work<S> {
@@ -101,6 +104,7 @@ impl<S: Scalar> Default for Work<S> {
             held: Held::default(),
             level: [S::zero(); MAX],
             toe_bias: [S::zero(); 2],
+            driven: 0..0,
         }
     }
 }
@@ -109,8 +113,11 @@ impl<S: Scalar> Work<S> {
     /// Change of rates by an impulse `p` along `row`: `M⁻¹ rowᵀ p`, no constraint acting.
     pub(super) fn kick(&mut self, row: &[S; MAX], n: usize) -> [S; MAX] {
         let mut response = *row;
-        self.factor.factor(&self.eq.mass, 0..n);
+        self.factor.factor(&self.eq.mass, (0..n).filter(|i| !self.driven.contains(i)));
         self.factor.solve(&mut response);
+        for x in &mut response[self.driven.clone()] {
+            *x = S::zero();
+        }
         response
     }
 }
@@ -197,6 +204,8 @@ impl<S: Scalar> Plant<S> {
             drive.row.push(self.torque_of(drive, y, t), &mut work.eq.force);
         }
         self.add_axes(y, t, work);
+        self.add_toes(work);
+        self.add_second_foot(y, work);
         self.add_foot(y, work);
         work.held.accelerate(&work.eq, self.n, &mut work.factor, &mut work.a);
     }

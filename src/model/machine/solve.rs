@@ -3,8 +3,8 @@
 use crate::base::scalar::Scalar;
 use crate::model::mechanism::MAX;
 
-/// Most constraints at once: three axes, two rotors, two of the foot.
-pub(super) const MAX_CONSTRAINTS: usize = 7;
+/// Most constraints at once: three axes, two rotors, two of the foot, two toes.
+pub(super) const MAX_CONSTRAINTS: usize = 9;
 
 /// L D Lᵀ of a symmetric positive matrix: `l` below the diagonal, `inverse` of D; of some of its rows and columns.
 #[derive(Clone, Debug)]

@@ -1,0 +1,90 @@
+//! The supervisor: stand, step in, walk at a commanded speed, stop, rest. RT: yes.
+//!
+//! ```text
+//!            speed asked for            second touchdown            speed 0 asked for          both feet down, slow
+//!   Stand ───────────────────> StepIn ─────────────────> Walk ───────────────────────> Stop ─────────────────────> Rest
+//!   (LQR)                      (the walking law)                                       (long steps)    (no torque)
+//! ```
+
+use super::balance::Balance;
+use super::foot_placement::{FootPlacement, Wish};
+use super::ToeLengths;
+use crate::base::time::Stamp;
+use crate::config::checked::{Config, Walk as Schedule};
+use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot};
+
+/// Laws and mode.
+#[derive(Clone, Debug)]
+pub(super) struct Walk {
+    balance: Balance,
+    placement: FootPlacement,
+    schedule: Schedule,
+    toes: ToeLengths,
+    motion: Motion,
+    since: Stamp,
+    first_step: u32,
+}
+
+impl Walk {
+    /// Before arming only.
+    pub(super) fn new(config: &Config, balance: Balance) -> Self {
+        Self {
+            balance,
+            placement: FootPlacement::new(config),
+            schedule: config.control.walk,
+            toes: ToeLengths::new(&config.robot.toe),
+            motion: Motion::Stand,
+            since: Stamp::NEVER,
+            first_step: 0,
+        }
+    }
+
+    /// On arming.
+    pub(super) fn reset(&mut self, now: Stamp) {
+        self.motion = Motion::Stand;
+        self.since = now;
+        self.placement.reset();
+    }
+
+    /// Speed asked for at a time since arming, m/s.
+    fn speed_m_s(&self, armed_s: f64) -> f64 {
+        let s = &self.schedule;
+        let walks = armed_s >= s.start_s && s.stop_s.is_none_or(|stop| armed_s < stop);
+        if walks { s.speed_m_s } else { 0.0 }
+    }
+
+    /// Torque and toes, and what it is about.
+    pub(super) fn step(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) -> (Wish, ControlState) {
+        let speed_m_s = self.speed_m_s(now.since(self.since).as_s());
+        self.motion = self.next(e, speed_m_s);
+        let (wish, law) = match self.motion {
+            Motion::Stand | Motion::Rest => {
+                self.first_step = e.steps;
+                let hip_torque_nm = self.balance.torque_nm(e, seen.late);
+                let toe_position_m = self.toes.for_stance(e.stance);
+                (Wish { hip_torque_nm, toe_position_m, ..Wish::default() }, LawName::Balance)
+            }
+            _ => (self.placement.step(now, e, seen, speed_m_s), LawName::FootPlacement),
+        };
+        let state = ControlState {
+            stamp: now,
+            law,
+            motion: self.motion,
+            phase: wish.phase,
+            steps: e.steps.wrapping_sub(self.first_step),
+            speed_m_s,
+            swing_goal_rad: wish.swing_goal_rad,
+        };
+        (wish, state)
+    }
+
+    const fn next(&self, e: &Estimate, speed_m_s: f64) -> Motion {
+        let asked = speed_m_s > 0.0;
+        match self.motion {
+            Motion::Stand if asked => Motion::StepIn,
+            Motion::StepIn if e.steps.wrapping_sub(self.first_step) >= 1 => Motion::Walk,
+            Motion::Walk if !asked => Motion::Stop,
+            motion => motion,
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! The second foot on the ground: double support, a trailing foot that brushes, a robot at rest on both feet. RT: yes.
+//!
+//! One foot stands rigidly ([`super::contact`]). The other one, while it touches, is on a stiff damped spring with dry
+//! friction, so that no force is indeterminate and none is missed. It becomes the foot that stands when it lands so that
+//! the old one leaves (the rigid impact says so), or when the old one is unloaded.
+
+use super::contact::Contact;
+use super::hold::product;
+use super::motion::{FlowOf, Phase, Plant, Work};
+use super::Machine;
+use crate::base::scalar::Scalar;
+use crate::model::mechanism::MAX;
+
+/// Stiffness of the second contact, N/m: half the weight presses it in by .4 mm.
+const STIFFNESS_N_M: f64 = 2e5;
+/// Damping, N s/m: half of critical for the 2.2 kg that a leg weighs at its foot.
+const DAMPING_N_S_M: f64 = 650.0;
+/// Friction where the ground has no limit.
+const NO_SLIP: f64 = 10.0;
+/// A swing foot this deep has touched where no touchdown is expected, m: legs side by side, or an edge of the floor.
+const DEEP_M: f64 = 2e-4;
+/// An old foot that leaves slower, m/s, does not leave.
+const LEAVES_M_S: f64 = 1e-3;
+
+/// Where the second foot is held along the ground, m.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Second<S> {
+    anchor: S,
+}
+
+/// The second foot's contact: rows and force along and normal to the ground.
+struct Press<S> {
+    tangent: [S; MAX],
+    normal: [S; MAX],
+    force: [S; 2],
+}
+
+impl<S: Scalar> Plant<S> {
+    /// Force of the ground on the second foot, N.
+    fn press(&self, y: &Phase<S>) -> Option<Press<S>> {
+        let second = self.feet.second.as_ref()?;
+        let rows = self.foot_rows(y, true)?;
+        let depth = -self.swing_height(y)?;
+        let place = self.foot_place(y, 1 - self.legs()?.stance())?;
+        let speed = [product(&rows.tangent, &y.v, self.n), product(&rows.normal, &y.v, self.n)];
+        let normal = (depth * STIFFNESS_N_M - speed[1] * DAMPING_N_S_M).clamp_to(0.0, f64::INFINITY);
+        if depth.value() <= 0.0 {
+            return None;
+        }
+        let most = self.most_friction() * normal.value();
+        let hold = -((place - second.anchor) * STIFFNESS_N_M) - speed[0] * DAMPING_N_S_M;
+        Some(Press { tangent: rows.tangent, normal: rows.normal, force: [hold.clamp_to(-most, most), normal] })
+    }
+
+    fn most_friction(&self) -> f64 {
+        self.ground.friction.map_or(NO_SLIP, Scalar::value)
+    }
+
+    /// Adds the second foot's force.
+    pub(super) fn add_second_foot(&self, y: &Phase<S>, work: &mut Work<S>) {
+        let Some(press) = self.press(y) else { return };
+        for i in 0..self.n {
+            work.eq.force[i] += press.tangent[i] * press.force[0] + press.normal[i] * press.force[1];
+        }
+    }
+}
+
+impl<S: Scalar> Machine<S> {
+    /// Both feet may be on the ground at once.
+    pub fn let_stand_on_both(&mut self) {
+        self.plant.ground.both = true;
+    }
+
+    /// Force of the ground on the foot that does not stand, N: along the ground and normal to it; `None` in the air.
+    #[must_use]
+    pub fn second_foot_force(&self) -> Option<[S; 2]> {
+        self.plant.press(&self.y).map(|press| press.force)
+    }
+
+    /// True if the swing foot that has just touched presses the old foot down instead of relieving it: it then becomes
+    /// the second foot.
+    pub(super) fn lands_beside(&mut self) -> bool {
+        if !self.plant.ground.both || self.plant.feet.contact == Contact::Flight {
+            return false;
+        }
+        let Some(rows) = self.plant.foot_rows(&self.y, true) else { return false };
+        let (velocity, contact, strike) = (self.y.v, self.plant.feet.contact, self.plant.feet.last_strike);
+        self.flow_at_start();
+        self.strike(&rows);
+        let old = self.plant.foot_rows(&self.y, false);
+        let leaves = old.map_or(0.0, |old| product(&old.normal, &self.y.v, self.plant.n).value());
+        self.y.v = velocity;
+        self.plant.feet.contact = contact;
+        self.plant.feet.last_strike = strike;
+        if leaves <= LEAVES_M_S {
+            self.put_second_foot();
+        }
+        leaves <= LEAVES_M_S
+    }
+
+    fn put_second_foot(&mut self) {
+        let swing = 1 - self.stance();
+        self.plant.feet.second = self.plant.foot_place(&self.y, swing).map(|anchor| Second { anchor });
+        self.flow_of = FlowOf::Nothing;
+    }
+
+    /// After a step: the second foot leaves, slips along, or turns out to have touched.
+    pub(super) fn follow_second_foot(&mut self) {
+        if !self.plant.ground.both {
+            return;
+        }
+        let depth = self.plant.swing_height(&self.y).map_or(0.0, |h| -h.value());
+        let Some(second) = self.plant.feet.second else {
+            if depth > DEEP_M {
+                self.put_second_foot();
+            }
+            return;
+        };
+        if depth <= 0.0 {
+            self.plant.feet.second = None;
+            self.flow_of = FlowOf::Nothing;
+            return;
+        }
+        let (Some(press), Some(place)) =
+            (self.plant.press(&self.y), self.plant.foot_place(&self.y, 1 - self.stance()))
+        else {
+            return;
+        };
+        let reach = self.plant.most_friction() * press.force[1].value() / STIFFNESS_N_M;
+        let stretch = (place - second.anchor).clamp_to(-reach, reach);
+        self.plant.feet.second = Some(Second { anchor: place - stretch });
+    }
+}
