@@ -58,20 +58,7 @@ impl Run for Args {
         let bar =
             progress::bar(u64::try_from(length.0 / resolved.config.real_time.period.0).unwrap_or(0), "simulating");
         let start = Instant::now();
-        let mut trace = std::env::var("COMPASS_TRACE").ok().map(|p| std::io::BufWriter::new(std::fs::File::create(p).unwrap()));
-        let (mut steps, mut stance, mut wrong, mut last) = (0, crate::msg::Leg::Inner, 0, 0.0);
-        let summary = scenario::run(&mut lockstep, length, TAIL, |record, r| {
-            if r.stance != stance { stance = r.stance; steps += 1; }
-            if record.status.mode == crate::msg::Mode::Armed { if record.estimate.stance != r.stance { wrong += 1; } last = record.input.now.0 as f64 * 1e-9; }
-            if let Some(t) = &mut trace {
-                let e = &record.estimate;
-                let _ = writeln!(t, "{:.3},{},{},{:.5},{:.5},{:.5},{:.5},{},{:.5},{:.5},{:.5},{:.5},{:.3},{:.4},{:.4},{:.4},{:.4},{:.3},{:.3},{},{:.4},{:.5},{:.5},{:.5},{:.5}",
-                    record.input.now.0 as f64 * 1e-9, record.status.mode as u8, r.stance as u8,
-                    r.leg_angle_rad[0], r.leg_angle_rad[1], r.leg_rate_rad_s[0], r.leg_rate_rad_s[1], e.stance as u8,
-                    e.theta_stance_rad, e.theta_swing_rad, e.theta_stance_rad_s, e.theta_swing_rad_s, record.allowed.hip_torque_nm,
-                    r.toe_position_m[0], r.toe_position_m[2], record.wanted.toe_position_m[0], record.wanted.toe_position_m[2],
-                    r.ground_force_n[0], r.ground_force_n[1], u8::from(r.airborne), record.control.swing_goal_rad, r.toe_spring_m[0], r.toe_spring_m[2], e.attitude_bias_rad, record.control.phase);
-            }
+        let summary = scenario::run(&mut lockstep, length, TAIL, |record, _| {
             if let Some(recorder) = &recorder {
                 push(recorder, record);
             }
@@ -81,7 +68,6 @@ impl Run for Args {
         });
         let took = start.elapsed();
         bar.finish_and_clear();
-        if std::env::var("COMPASS_STEPS").is_ok() { writeln!(io::stdout(), "STEPS {steps} {wrong} {last:.3}")?; }
         print(&summary, self.length_s, took, lockstep.digest())?;
         if let Some(recorder) = recorder {
             let path = recorder.path();
