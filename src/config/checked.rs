@@ -243,6 +243,8 @@ pub struct Imu {
     pub sign: f64,
     /// Leg angle at pitch zero, rad.
     pub offset_rad: f64,
+    /// From the measurement to its stamp: what the device takes before it sends.
+    pub latency: Span,
 }
 
 /// Limits that safety holds.
@@ -447,6 +449,8 @@ pub struct FootPlacement {
     pub toe_least_m: f64,
     /// Length of the stance toe on the mean floor, m.
     pub toe_nominal_m: f64,
+    /// Bandwidth of the stance toe's motion, rad/s.
+    pub toe_bandwidth_rad_s: f64,
     /// Share of the difference at landing that the stance toe keeps.
     pub toe_kept: f64,
     /// The swing toe reaches from so long before the touchdown on, s,

@@ -97,6 +97,7 @@ fn foot_placement(r: &Reader<'_>) -> FootPlacement {
         toe_reach_m: r.number("toe_reach_m", range(0.0, 0.2, "m")),
         toe_least_m: r.number("toe_least_m", range(0.0, 0.2, "m")),
         toe_nominal_m: r.number("toe_nominal_m", range(0.0, 0.2, "m")),
+        toe_bandwidth_rad_s: r.number("toe_bandwidth_rad_s", range(1.0, 100.0, "rad/s")),
         toe_kept: r.number("toe_kept", range(0.0, 1.0, "1")),
         toe_out_s: r.number("toe_out_s", range(0.0, 1.0, "s")),
         toe_out_rad: r.number("toe_out_rad", range(-0.5, 0.5, "rad")),

@@ -164,6 +164,7 @@ fn imu(r: &Reader<'_>) -> Imu {
         rate_hz: r.integer("rate_hz", 1, 1000, "Hz"),
         sign: sign(r, "sign"),
         offset_rad: r.number("offset_rad", range(-PI, PI, "rad")),
+        latency: r.span("latency_ms", 0.0, 50.0),
     };
     if imu.rate_hz > 0 && 1000 % imu.rate_hz != 0 {
         r.refuse("rate_hz", "must divide 1000 Hz (the device decimates by a whole number)");

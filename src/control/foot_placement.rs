@@ -26,6 +26,7 @@ pub(super) struct FootPlacement {
     models: [Normalised<f64>; 2],
     torque_unit_nm: f64,
     leg_m: f64,
+    toe_rate_m_s: f64,
     numbers: Numbers,
     compensation: f64,
     step: Option<Step>,
@@ -50,6 +51,9 @@ struct Step {
     from: [f64; 2],
     /// Length of the stance toe at its touchdown, m.
     landed_m: f64,
+    /// Length and rate that are asked of the stance toe, m and m/s.
+    stance_toe: [f64; 2],
+    last: Stamp,
     goal_rad: f64,
     duration_s: f64,
     /// Time from its beginning to its touchdown as now expected, s.
@@ -78,6 +82,7 @@ impl FootPlacement {
             models: [params.normalised(), params.swapped().normalised()],
             torque_unit_nm: params.inertia_kg_m2(),
             leg_m: params.leg_length_m,
+            toe_rate_m_s: config.robot.toe.rate_limit_m_s,
             numbers: config.control.foot_placement,
             compensation: config.control.friction_compensation,
             step: None,
@@ -104,7 +109,7 @@ impl FootPlacement {
         let end = [step.goal_rad, -self.numbers.retraction_rad_s];
         let path = quintic(step.from, end, step.duration_s, since_s.min(step.duration_s + LONGEST_DRIFT_S));
         let hip_torque_nm = self.track(e, &path, seen.late);
-        let toe_position_m = self.toes(&mut step, e, since_s);
+        let toe_position_m = self.toes(&mut step, e, now, since_s);
         self.step = Some(step);
         let phase = (since_s / step.lands_s.max(SHORTEST_S)).clamp(0.0, 1.0);
         Wish { hip_torque_nm, toe_position_m, phase, swing_goal_rad: step.goal_rad }
@@ -130,6 +135,8 @@ impl FootPlacement {
             since: now,
             from: [e.theta_swing_rad, e.theta_swing_rad_s],
             landed_m: stance_m,
+            stance_toe: [stance_m, if before.is_some() { self.toe_rate_m_s } else { 0.0 }],
+            last: now,
             goal_rad: self.numbers.first_angle_rad,
             duration_s: LONGEST_S,
             lands_s: LONGEST_S,
@@ -222,7 +229,7 @@ impl FootPlacement {
         motor_sign(e.stance) * self.torque_unit_nm * torque(self.model(e.stance), q, v, acceleration, share)
     }
 
-    fn toes(&self, step: &mut Step, e: &Estimate, since_s: f64) -> [f64; TOES] {
+    fn toes(&self, step: &mut Step, e: &Estimate, now: Stamp, since_s: f64) -> [f64; TOES] {
         let n = &self.numbers;
         let passed_rad = -e.theta_stance_rad;
         step.swing_toe_out |= since_s > step.lands_s - n.toe_out_s && passed_rad > n.toe_out_rad;
@@ -231,7 +238,14 @@ impl FootPlacement {
         let pushes = passed_rad > if step.is_first { FIRST_PUSH_RAD } else { n.push_rad };
         let push_m = if pushes { step.push_m } else { 0.0 };
         let kept_m = n.toe_kept * (step.landed_m - level_m);
-        let stance_m = (level_m + kept_m + push_m).clamp(n.toe_least_m, n.toe_reach_m);
+        let target_m = (level_m + kept_m + push_m).clamp(n.toe_least_m, n.toe_reach_m);
+        // A toe under load moves gently: what it accelerates is the robot, and friction holds by what is left of the weight.
+        let [at_m, rate_m_s] = step.stance_toe;
+        let (w, dt_s) = (n.toe_bandwidth_rad_s, now.since(step.last).as_s());
+        let rate_m_s = rate_m_s + dt_s * (w * w * (target_m - at_m) - 2.0 * w * rate_m_s);
+        let stance_m = at_m + dt_s * rate_m_s;
+        step.stance_toe = [stance_m, rate_m_s];
+        step.last = now;
         match e.stance {
             Leg::Inner => [stance_m, stance_m, swing_m, swing_m],
             Leg::Outer => [swing_m, swing_m, stance_m, stance_m],

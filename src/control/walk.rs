@@ -6,9 +6,9 @@
 //!   (LQR)                      (the walking law)                                       (long steps)    (no torque)
 //! ```
 
+use super::ToeLengths;
 use super::balance::Balance;
 use super::foot_placement::{FootPlacement, Wish};
-use super::ToeLengths;
 use crate::base::time::Stamp;
 use crate::config::checked::{Config, Walk as Schedule};
 use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot};

@@ -14,19 +14,33 @@ pub(super) struct Measured {
     pub(super) angle_rad: [f64; 2],
     /// Rates with the hip's filtered.
     pub(super) rate_rad_s: [f64; 2],
-    /// Rates in the middle of the last period: plain difference of the hip, mean of the gyro. Noisy, not late.
-    pub(super) prompt_rad_s: [f64; 2],
+    /// Of the IMU's newest sample, if it is new.
+    pub(super) sampled: Option<Sampled>,
+}
+
+/// Both legs at the time of an IMU sample, the hip's reading of the same instant: a rate that mixes two instants would see a
+/// touchdown as a momentum out of nowhere.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Sampled {
+    /// Angles at the sample, rad: inner, outer.
+    angle_rad: [f64; 2],
+    /// Mean rates since the sample before: plain difference of the hip, mean of the gyro. Noisy, not late.
+    rate_rad_s: [f64; 2],
+    /// Time since the sample before.
+    pub(super) dt_s: f64,
+}
+
+impl Sampled {
+    /// `[θs, θw, θ̇s, θ̇w]`.
+    pub(super) const fn stance_first(&self, stance: Leg) -> [f64; 4] {
+        by_stance(self.angle_rad, self.rate_rad_s, stance)
+    }
 }
 
 impl Measured {
     /// `[θs, θw, θ̇s, θ̇w]`, hip rate filtered.
     pub(super) const fn stance_first(&self, stance: Leg) -> [f64; 4] {
         by_stance(self.angle_rad, self.rate_rad_s, stance)
-    }
-
-    /// `[θs, θw, θ̇s, θ̇w]`, hip rate prompt.
-    pub(super) const fn prompt_stance_first(&self, stance: Leg) -> [f64; 4] {
-        by_stance(self.angle_rad, self.prompt_rad_s, stance)
     }
 }
 
@@ -44,9 +58,19 @@ pub(super) struct Sensors {
     imu_sign: f64,
     imu_offset_rad: f64,
     imu_age: Span,
+    imu_latency: Span,
     hip_age: Span,
     hip: Option<HipRate>,
-    gyro_rad_s: Option<f64>,
+    hips: Past,
+    sample: Option<Sample>,
+}
+
+/// The IMU sample before, with the hip of its time.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    stamp: Stamp,
+    gyro_rad_s: f64,
+    hip_rad: f64,
 }
 
 /// Hip angle of the last call and its rate.
@@ -55,7 +79,44 @@ struct HipRate {
     stamp: Stamp,
     angle_rad: f64,
     rate_rad_s: f64,
-    prompt_rad_s: f64,
+}
+
+/// Hip readings kept: more than an IMU sample is ever old.
+const KEPT: usize = 32;
+/// IMU samples farther apart give no mean rate, s.
+const LONGEST_INTERVAL_S: f64 = 0.02;
+
+/// The last hip readings.
+#[derive(Clone, Copy, Debug)]
+struct Past {
+    readings: [(Stamp, f64); KEPT],
+    next: usize,
+}
+
+impl Past {
+    const EMPTY: Self = Self { readings: [(Stamp::NEVER, 0.0); KEPT], next: 0 };
+
+    fn push(&mut self, stamp: Stamp, angle_rad: f64) {
+        if let Some(slot) = self.readings.get_mut(self.next) {
+            *slot = (stamp, angle_rad);
+            self.next = (self.next + 1) % KEPT;
+        }
+    }
+
+    /// The reading at `t`, between its neighbours; none beyond what is kept.
+    fn at(&self, t: Stamp) -> Option<f64> {
+        let (mut before, mut after) = (None::<(Stamp, f64)>, None::<(Stamp, f64)>);
+        for &(stamp, angle) in self.readings.iter().filter(|(stamp, _)| *stamp != Stamp::NEVER) {
+            if stamp <= t && before.is_none_or(|(b, _)| stamp > b) {
+                before = Some((stamp, angle));
+            } else if stamp > t && after.is_none_or(|(a, _)| stamp < a) {
+                after = Some((stamp, angle));
+            }
+        }
+        let ((from, a), (to, b)) = (before?, after?);
+        let span_s = to.since(from).as_s();
+        Some(a + (b - a) * t.since(from).as_s() / span_s)
+    }
 }
 
 impl Sensors {
@@ -65,16 +126,19 @@ impl Sensors {
             imu_sign: robot.imu.sign,
             imu_offset_rad: robot.imu.offset_rad,
             imu_age: robot.limits.imu_age,
+            imu_latency: robot.imu.latency,
             hip_age: robot.limits.drive_age,
             hip: None,
-            gyro_rad_s: None,
+            hips: Past::EMPTY,
+            sample: None,
         }
     }
 
     pub(super) fn reset(&mut self) {
         self.attitude.reset();
         self.hip = None;
-        self.gyro_rad_s = None;
+        self.hips = Past::EMPTY;
+        self.sample = None;
     }
 
     /// Both legs at the tick's time, the attitude less `bias_rad`. `None` while a source is silent or too old.
@@ -90,15 +154,34 @@ impl Sensors {
             return None;
         }
         let hip_now = self.hip_rate(s);
-        let inner = leg_rad + s.leg_rate_rad_s * s.imu_age.as_s() - bias_rad;
+        let inner = leg_rad + s.leg_rate_rad_s * (s.imu_age.as_s() + self.imu_latency.as_s()) - bias_rad;
         let hip = s.hip_angle_rad + hip_now.rate_rad_s * s.hip_age.as_s();
         let gyro = s.leg_rate_rad_s;
-        let mean = 0.5 * (gyro + self.gyro_rad_s.replace(gyro).unwrap_or(gyro));
         Some(Measured {
             angle_rad: [inner, inner - hip],
             rate_rad_s: [gyro, gyro - hip_now.rate_rad_s],
-            prompt_rad_s: [mean, mean - hip_now.prompt_rad_s],
+            sampled: self.sampled(s, leg_rad - bias_rad),
         })
+    }
+
+    /// Both legs at the IMU's newest sample, once.
+    fn sampled(&mut self, s: &Snapshot, inner_rad: f64) -> Option<Sampled> {
+        let stamp = s.stamp - s.imu_age - self.imu_latency;
+        let last = self.sample;
+        if last.is_some_and(|last| stamp <= last.stamp) {
+            return None;
+        }
+        // A sample newer than the hip's reading waits for the next one.
+        let hip_rad = self.hips.at(stamp)?;
+        let gyro_rad_s = s.leg_rate_rad_s;
+        self.sample = Some(Sample { stamp, gyro_rad_s, hip_rad });
+        let last = last?;
+        let dt_s = stamp.since(last.stamp).as_s();
+        if dt_s > LONGEST_INTERVAL_S {
+            return None;
+        }
+        let (gyro, hip) = (0.5 * (gyro_rad_s + last.gyro_rad_s), (hip_rad - last.hip_rad) / dt_s);
+        Some(Sampled { angle_rad: [inner_rad, inner_rad - hip_rad], rate_rad_s: [gyro, gyro - hip], dt_s })
     }
 
     /// Rate of the hip angle by differences; holds between samples.
@@ -110,10 +193,14 @@ impl Sensors {
                 let prompt_rad_s = (angle_rad - last.angle_rad) / dt_s;
                 let share = dt_s / (DIFFERENCE_TIME_S + dt_s);
                 let rate_rad_s = last.rate_rad_s + share * (prompt_rad_s - last.rate_rad_s);
-                HipRate { stamp, angle_rad, rate_rad_s, prompt_rad_s }
+                self.hips.push(stamp, angle_rad);
+                HipRate { stamp, angle_rad, rate_rad_s }
             }
             Some(last) => last,
-            None => HipRate { stamp, angle_rad, rate_rad_s: 0.0, prompt_rad_s: 0.0 },
+            None => {
+                self.hips.push(stamp, angle_rad);
+                HipRate { stamp, angle_rad, rate_rad_s: 0.0 }
+            }
         };
         // A reading that is not finite must not stay in the filter: safety latches it, and the next start is clean.
         self.hip = next.rate_rad_s.is_finite().then_some(next);

@@ -6,14 +6,14 @@
 //! | [`bias`] | what the IMU reads too much, learnt from the balance of angular momentum |
 //! | [`attitude`] | leg angle: gyro for fast motion, device or accelerometer for slow |
 //! | [`contact`] | what a change of the stance leg does to the state |
-//! | [`touchdown`] | when it changes: the swing toe's spring gives way |
+//! | [`touchdown`] | when it changes: the swing toe's spring gives way, affirmed by the weight |
+//! | [`weight`] | which foot carries the weight: balance of angular momentum about each |
 //!
 //! Two ways to go on, chosen by the corridor: [`Estimator::follow`] while disarmed (somebody may hold the robot, so the
 //! model does not apply: angles as measured, rates by gyro and filtered difference; it stands as configured) and
 //! [`Estimator::step`] while armed.
 //!
-//! Limits: a blow too weak for the springs is not seen, and nothing affirms the stance leg later; flight and slip are not
-//! known here; a push from outside is seen late (that is the price of ε = .2, Thesis 4.4).
+//! Limits: flight and slip are not known here; a push from outside is seen late (that is the price of ε = .2, Thesis 4.4).
 //! RT: yes, no allocation, ~1 µs.
 
 #![cfg_attr(
@@ -33,14 +33,16 @@ mod contact;
 mod high_gain;
 mod measure;
 mod touchdown;
+mod weight;
 
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
-use crate::msg::{Estimate, JointCommand, Leg, Snapshot};
+use crate::msg::{Estimate, JointCommand, Leg, Snapshot, TOES};
 use bias::BiasObserver;
 use high_gain::{HighGain, StanceModel, State};
-use measure::{Measured, Sensors};
-use touchdown::Detector;
+use measure::{Measured, Sampled, Sensors};
+use touchdown::{Detector, Signs, Verdict, trust};
+use weight::Weight;
 
 /// Longest gap that the observer bridges with its model; after more it starts again.
 const LONGEST_GAP: Span = Span::from_ms(50);
@@ -76,6 +78,8 @@ pub struct Estimator {
     state: Option<State>,
     bias: BiasObserver,
     touchdown: Detector,
+    weight: Weight,
+    leg_m: f64,
     innovation_rad: [f64; 2],
     last: Stamp,
     landed: Stamp,
@@ -107,6 +111,8 @@ impl Estimator {
             state: None,
             bias: BiasObserver::new(control.bias_time_s),
             touchdown: Detector::new(control.touchdown_spring_m),
+            weight: Weight::default(),
+            leg_m: params.leg_length_m,
             innovation_rad: [0.0; 2],
             last: Stamp::NEVER,
             landed: Stamp::NEVER,
@@ -121,6 +127,7 @@ impl Estimator {
         self.state = None;
         self.bias.reset();
         self.touchdown.reset();
+        self.weight.reset();
         self.innovation_rad = [0.0; 2];
         self.last = Stamp::NEVER;
         self.steps = 0;
@@ -130,6 +137,7 @@ impl Estimator {
     pub fn follow(&mut self, now: Stamp, snapshot: &Snapshot) -> Estimate {
         self.stance = self.first_stance;
         self.touchdown.reset();
+        self.weight.reset();
         self.begin(now, snapshot)
     }
 
@@ -152,10 +160,7 @@ impl Estimator {
                 let tau = stance_sign(self.stance) * applied.hip_torque_nm / self.torque_unit_nm;
                 self.advance(state, measured.as_ref(), tau, gap.as_s());
                 self.last = now;
-                if self.touchdown.has_landed(now, snapshot, self.stance.other()) {
-                    self.change_stance();
-                    self.landed = now;
-                }
+                self.judge_stance(now, snapshot, measured.as_ref());
                 self.estimate(now, snapshot)
             }
             _ => self.begin(now, snapshot),
@@ -168,8 +173,45 @@ impl Estimator {
             self.state = contact::touchdown(self.model(), &state);
         }
         self.bias.pause();
+        self.weight.change();
         self.stance = self.stance.other();
         self.steps = self.steps.wrapping_add(1);
+    }
+
+    /// Springs and weight say which leg stands.
+    fn judge_stance(&mut self, now: Stamp, snapshot: &Snapshot, measured: Option<&Measured>) {
+        let Some([ts, tw, ..]) = self.state else { return };
+        let signs = Signs {
+            now,
+            seen: snapshot,
+            stance: self.stance,
+            elsewhere: self.weight.elsewhere(),
+            height_m: self.swing_height_m(ts, tw, &snapshot.toe_position_m),
+        };
+        match (self.touchdown.judge(&signs), measured) {
+            (Verdict::Stays, _) | (Verdict::TakenBack, None) => {}
+            (Verdict::Changes, _) => {
+                self.change_stance();
+                self.landed = now;
+            }
+            (Verdict::TakenBack, Some(m)) => {
+                // The impact that never was is forgotten with the rates that it gave.
+                self.stance = self.stance.other();
+                self.weight.change();
+                self.steps = self.steps.wrapping_sub(1);
+                self.state = Some(start(&m.stance_first(self.stance)));
+                self.landed = now;
+            }
+        }
+    }
+
+    /// Height of the swing foot over the level of the stance foot, toes included, m.
+    fn swing_height_m(&self, stance_rad: f64, swing_rad: f64, toes_m: &[f64; TOES]) -> f64 {
+        let [inner_a, inner_b, outer_a, outer_b] = *toes_m;
+        let (inner, outer) = (inner_a.max(inner_b), outer_a.max(outer_b));
+        let (stance_m, swing_m) = if self.stance == Leg::Inner { (inner, outer) } else { (outer, inner) };
+        let (cos_s, cos_w) = (libm::cos(stance_rad), libm::cos(swing_rad));
+        (self.leg_m + stance_m) * cos_s - (self.leg_m + swing_m) * cos_w
     }
 
     /// One period of the observer. Without a fresh measurement the model goes on alone; `safety` judges the age.
@@ -182,20 +224,22 @@ impl Estimator {
                 let y = m.stance_first(self.stance);
                 self.innovation_rad = [y[0] - predicted[0], y[1] - predicted[1]];
                 predicted = self.observer.correct(&predicted, self.innovation_rad, dt_s);
-                // Rates that mix before and after a touchdown say nothing about the moment of gravity.
-                if self.landed != Stamp::NEVER && self.last.since(self.landed) < SETTLING {
-                    return self.keep(predicted);
-                }
-                let whole = self.model().whole;
-                self.bias.step(&whole, &m.prompt_stance_first(self.stance), dt_s);
+                self.learn(m.sampled.as_ref());
             }
         }
         self.state = Some(predicted);
     }
 
-    const fn keep(&mut self, state: State) {
-        self.bias.pause();
-        self.state = Some(state);
+    /// What the balance of momentum says of weight and bias, from each IMU sample.
+    fn learn(&mut self, sampled: Option<&Sampled>) {
+        let Some(m) = sampled else { return };
+        let (model, measured) = (*self.model(), m.stance_first(self.stance));
+        self.weight.step(&model, &measured, m.dt_s);
+        // A mean rate that mixes before and after a touchdown says nothing about the moment of gravity.
+        if self.landed != Stamp::NEVER && self.last.since(self.landed) < SETTLING {
+            return self.bias.pause();
+        }
+        self.bias.step(&model.whole, &measured, m.dt_s);
     }
 
     const fn model(&self) -> &StanceModel {
@@ -226,6 +270,9 @@ impl Estimator {
             hip_twist_rad_s: elastic * (vphi - (vs - vw)),
             attitude_bias_rad: self.bias.bias_rad(),
             steps: self.steps,
+            weight_elsewhere: self.weight.elsewhere(),
+            stance_trust: trust(self.weight.elsewhere()),
+            stuck_pots: self.touchdown.stuck(),
         }
     }
 }

@@ -1,77 +1,308 @@
-//! Touchdown, from the potentiometer on the swing toe's spring. Thesis 2.1.4. RT: yes.
+//! Which leg stands: touchdown by the toes' springs, affirmed by the balance of momentum. Thesis 2.1.4. RT: yes.
 //!
-//! The robot's weight alone does not move the preloaded springs, but a blow does, even a small one. So a swing toe whose
-//! spring gives way has met the ground, and from then on it stands. The toes report every few ms and a blow lasts some
-//! ten, so the change comes some ms late; the observer bridges that.
+//! ```text
+//!                 blow on the swing toes, or the weight is found on the swing foot
+//!   stance S ───────────────────────────────────────────────────────────────────────> stance O, to be affirmed
+//!      ^                                                                                │
+//!      └──────────────── the weight is found on the old foot after all ─────────────────┘
+//! ```
+//! The robot's weight alone does not move the preloaded springs, but a blow does. So a swing toe whose spring gives way has
+//! met the ground. Springs see blows only, so the second sign of contact is [`super::weight`]: which foot carries the robot.
+//! A touchdown too soft for the springs is noticed by the weight; a blow after which the weight stays where it was (a toe
+//! that knocked something) is taken back. In between the trust in the stance leg falls, and the torque with it.
+//!
+//! A potentiometer that shows a blow all the time, or none where its twin does, is no longer asked. With one toe of a leg
+//! left the robot walks on; with none it does not know when that leg lands by its springs and says so.
 
 use crate::base::time::{Span, Stamp};
-use crate::msg::{Leg, Snapshot};
+use crate::msg::{Leg, Snapshot, TOES};
 
 /// So long after a touchdown there is no other: the springs ring, and a leg takes longer to come down.
 const QUIET: Span = Span::from_ms(50);
 /// Older readings say nothing about now.
 const OLDEST: Span = Span::from_ms(20);
+/// A foot this far above the ground by the angles and toe lengths does not touch it, m: tiles of 30 mm, angles wrong by
+/// .5 degrees at steps of .4 m.
+const IN_THE_AIR_M: f64 = 0.045;
+/// The other foot carries the robot: share of the weight, and for how long in a row.
+const CARRIES: f64 = 0.65;
+const CARRIES_FOR: Span = Span::from_ms(10);
+/// A new stance leg is affirmed or taken back within this time after the touchdown.
+const ON_TRIAL: Span = Span::from_ms(90);
+/// Not before this: the momentum observer needs its time.
+const NOT_BEFORE: Span = Span::from_ms(45);
+/// Full trust below the first share of weight elsewhere, none above the second.
+const TRUSTED: [f64; 2] = [0.35, 0.8];
+/// A blow is shorter: a potentiometer that shows one for so long is stuck.
+const LONGEST_BLOW: Span = Span::from_ms(250);
+/// Blows of the other toe of the pair that a potentiometer may miss in a row.
+const MISSES: u8 = 4;
 
-/// Looks at the swing toe's springs.
+/// What to do about the stance leg.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// It stands.
+    Stays,
+    /// The other leg stands from now on.
+    Changes,
+    /// The last change was wrong.
+    TakenBack,
+}
+
+/// What is looked at in a tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Signs<'a> {
+    pub(super) now: Stamp,
+    pub(super) seen: &'a Snapshot,
+    /// The leg that is taken to stand.
+    pub(super) stance: Leg,
+    /// Share of the weight on the other foot.
+    pub(super) elsewhere: f64,
+    /// Height of the other foot over the level of this one, m.
+    pub(super) height_m: f64,
+}
+
+/// A toe's potentiometer.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pot {
+    /// Since when it shows a blow.
+    high_since: Option<Stamp>,
+    /// Blows of its twin that it missed.
+    missed: u8,
+    stuck: bool,
+}
+
+/// Looks at the toes' springs and at the weight.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Detector {
     /// 0 = sees nothing.
     threshold_m: f64,
     last: Stamp,
+    on_trial: bool,
+    carried_since: Option<Stamp>,
+    pots: [Pot; TOES],
 }
 
 impl Detector {
-    pub(super) const fn new(threshold_m: f64) -> Self {
-        Self { threshold_m, last: Stamp::NEVER }
+    pub(super) fn new(threshold_m: f64) -> Self {
+        Self { threshold_m, last: Stamp::NEVER, on_trial: false, carried_since: None, pots: [Pot::default(); TOES] }
     }
 
-    /// Forgets the last touchdown.
+    /// Forgets the last touchdown, not which potentiometers are stuck.
     pub(super) const fn reset(&mut self) {
         self.last = Stamp::NEVER;
+        self.on_trial = false;
+        self.carried_since = None;
     }
 
-    /// True once per touchdown of the leg that swings.
-    pub(super) fn has_landed(&mut self, now: Stamp, seen: &Snapshot, swing: Leg) -> bool {
-        let [inner_a, inner_b, outer_a, outer_b] = seen.toe_spring_m;
-        let compression_m = match swing {
-            Leg::Inner => inner_a.max(inner_b),
-            Leg::Outer => outer_a.max(outer_b),
-        };
-        let quiet = self.last != Stamp::NEVER && now.since(self.last) < QUIET;
-        let blow = self.threshold_m > 0.0 && compression_m > self.threshold_m && seen.toe_age <= OLDEST;
-        if quiet || !blow {
+    /// Potentiometers that are no longer asked, by bit.
+    pub(super) fn stuck(&self) -> u8 {
+        self.pots.iter().rev().fold(0, |bits, pot| bits << 1 | u8::from(pot.stuck))
+    }
+
+    /// Judges the stance leg.
+    pub(super) fn judge(&mut self, signs: &Signs<'_>) -> Verdict {
+        let blow = self.blow(signs);
+        if self.threshold_m <= 0.0 {
+            return Verdict::Stays;
+        }
+        let carried = self.is_carried(signs);
+        let since = if self.last == Stamp::NEVER { None } else { Some(signs.now.since(self.last)) };
+        if self.on_trial && since.is_some_and(|s| s >= NOT_BEFORE) {
+            if carried {
+                self.end_trial(signs.now);
+                return Verdict::TakenBack;
+            }
+            self.on_trial = since.is_some_and(|s| s < ON_TRIAL);
+        }
+        let quiet = since.is_some_and(|s| s < QUIET);
+        let low = signs.height_m < IN_THE_AIR_M;
+        if quiet || !low || !(blow || carried) {
+            return Verdict::Stays;
+        }
+        self.on_trial = true;
+        self.last = signs.now;
+        self.carried_since = None;
+        Verdict::Changes
+    }
+
+    fn end_trial(&mut self, now: Stamp) {
+        self.on_trial = false;
+        self.last = now;
+        self.carried_since = None;
+    }
+
+    /// The other foot has carried the robot for a while.
+    fn is_carried(&mut self, signs: &Signs<'_>) -> bool {
+        if signs.elsewhere < CARRIES {
+            self.carried_since = None;
             return false;
         }
-        self.last = now;
-        true
+        let since = *self.carried_since.get_or_insert(signs.now);
+        signs.now.since(since) >= CARRIES_FOR
     }
+
+    /// A toe of the swing leg that can be believed shows a blow.
+    fn blow(&mut self, signs: &Signs<'_>) -> bool {
+        if signs.seen.toe_age > OLDEST {
+            return false;
+        }
+        let [inner_a, inner_b, outer_a, outer_b] = signs.seen.toe_spring_m.map(|x| x > self.threshold_m);
+        let [a, b, c, d] = &mut self.pots;
+        let inner = pair([a, b], [inner_a, inner_b], signs.now);
+        let outer = pair([c, d], [outer_a, outer_b], signs.now);
+        match signs.stance.other() {
+            Leg::Inner => inner,
+            Leg::Outer => outer,
+        }
+    }
+}
+
+/// Follows both potentiometers of a leg; true if one that is not stuck shows a blow.
+fn pair(pots: [&mut Pot; 2], high: [bool; 2], now: Stamp) -> bool {
+    let [a, b] = pots;
+    let [high_a, high_b] = high;
+    let (began_a, began_b) = (a.follow(high_a, now), b.follow(high_b, now));
+    a.compare(began_a, high_b, began_b);
+    b.compare(began_b, high_a, began_a);
+    (high_a && !a.stuck) || (high_b && !b.stuck)
+}
+
+impl Pot {
+    /// True when a blow has just ended that this one showed.
+    fn follow(&mut self, high: bool, now: Stamp) -> bool {
+        let showed = self.high_since.is_some();
+        match (high, self.high_since) {
+            (true, Some(since)) if now.since(since) > LONGEST_BLOW => self.stuck = true,
+            (true, None) => self.high_since = Some(now),
+            (false, _) => self.high_since = None,
+            _ => {}
+        }
+        showed && !high
+    }
+
+    /// Blows that only the twin has shown are counted at their end.
+    fn compare(&mut self, ended: bool, twin_high: bool, twin_ended: bool) {
+        if ended || self.high_since.is_some() {
+            self.missed = 0;
+        } else if twin_ended && !twin_high {
+            self.missed = self.missed.saturating_add(1);
+            self.stuck |= self.missed >= MISSES;
+        }
+    }
+}
+
+/// How far the stance leg is to be trusted with torque, 0 to 1.
+pub(super) fn trust(elsewhere: f64) -> f64 {
+    let [full, none] = TRUSTED;
+    ((none - elsewhere) / (none - full)).clamp(0.0, 1.0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn seen(toe_spring_m: [f64; 4]) -> Snapshot {
-        Snapshot { toe_spring_m, toe_age: Span::from_ms(4), ..Snapshot::default() }
+    struct Walk {
+        detector: Detector,
+        now: Stamp,
+        stance: Leg,
     }
+
+    impl Walk {
+        fn new() -> Self {
+            Self { detector: Detector::new(5e-4), now: Stamp(1_000_000_000), stance: Leg::Inner }
+        }
+
+        /// So many ms with these springs and this share of the weight elsewhere; says what changed.
+        fn on(&mut self, ms: i64, toe_spring_m: [f64; 4], elsewhere: f64) -> Vec<Verdict> {
+            let seen = Snapshot { toe_spring_m, toe_age: Span::from_ms(2), ..Snapshot::default() };
+            let mut verdicts = Vec::new();
+            for _ in 0..ms {
+                self.now += Span::from_ms(1);
+                let signs = Signs { now: self.now, seen: &seen, stance: self.stance, elsewhere, height_m: 0.0 };
+                let verdict = self.detector.judge(&signs);
+                if verdict != Verdict::Stays {
+                    verdicts.push(verdict);
+                    self.stance = self.stance.other();
+                }
+            }
+            verdicts
+        }
+    }
+
+    const AIR: [f64; 4] = [0.0; 4];
+    const OUTER: [f64; 4] = [0.0, 0.0, 2e-3, 2e-3];
+    const INNER: [f64; 4] = [2e-3, 2e-3, 0.0, 0.0];
 
     #[test]
     fn only_the_swing_toe_lands_and_once() {
-        let mut detector = Detector::new(5e-4);
-        let (inner, outer) = (seen([2e-3, 0.0, 0.0, 0.0]), seen([0.0, 0.0, 1e-4, 2e-3]));
-        assert!(!detector.has_landed(Stamp(0), &inner, Leg::Outer), "the leg that stands");
-        assert!(detector.has_landed(Stamp(1_000_000), &outer, Leg::Outer));
-        assert!(!detector.has_landed(Stamp(5_000_000), &inner, Leg::Inner), "rings");
-        assert!(detector.has_landed(Stamp(60_000_000), &inner, Leg::Inner));
+        let mut walk = Walk::new();
+        assert!(walk.on(10, INNER, 0.0).is_empty(), "the leg that stands");
+        assert_eq!(walk.on(15, OUTER, 0.0), [Verdict::Changes]);
+        assert!(walk.on(300, AIR, 0.0).is_empty());
+        assert_eq!(walk.on(15, INNER, 0.0), [Verdict::Changes]);
     }
 
     #[test]
-    fn noise_old_readings_and_a_detector_switched_off_see_nothing() {
-        let mut detector = Detector::new(5e-4);
-        assert!(!detector.has_landed(Stamp(0), &seen([4e-4; 4]), Leg::Outer));
-        let old = Snapshot { toe_age: Span::from_ms(30), ..seen([2e-3; 4]) };
-        assert!(!detector.has_landed(Stamp(0), &old, Leg::Outer));
-        assert!(!Detector::new(0.0).has_landed(Stamp(0), &seen([2e-3; 4]), Leg::Outer));
-        assert!(!detector.has_landed(Stamp(0), &seen([f64::NAN; 4]), Leg::Outer));
+    fn a_landing_too_soft_for_the_springs_is_noticed_by_the_weight() {
+        let mut walk = Walk::new();
+        walk.on(200, AIR, 0.1);
+        assert_eq!(walk.on(20, AIR, 0.9), [Verdict::Changes]);
+        assert_eq!(walk.stance, Leg::Outer);
+    }
+
+    #[test]
+    fn a_knock_after_which_the_weight_stays_is_taken_back() {
+        let mut walk = Walk::new();
+        assert_eq!(walk.on(6, OUTER, 0.0), [Verdict::Changes]);
+        // The weight is still on the inner foot: all of it elsewhere than on the outer one.
+        assert_eq!(walk.on(40, AIR, 1.0), [Verdict::TakenBack]);
+        assert_eq!(walk.stance, Leg::Inner);
+    }
+
+    #[test]
+    fn noise_old_readings_a_foot_in_the_air_and_a_detector_switched_off_see_nothing() {
+        let mut walk = Walk::new();
+        assert!(walk.on(50, [4e-4; 4], 0.3).is_empty());
+        assert!(walk.on(50, [f64::NAN; 4], f64::NAN).is_empty());
+        let mut off = Walk { detector: Detector::new(0.0), ..Walk::new() };
+        assert!(off.on(50, OUTER, 1.0).is_empty());
+        let seen = Snapshot { toe_spring_m: OUTER, toe_age: Span::from_ms(30), ..Snapshot::default() };
+        let signs = Signs { now: walk.now, seen: &seen, stance: Leg::Inner, elsewhere: 0.0, height_m: 0.0 };
+        assert_eq!(walk.detector.judge(&signs), Verdict::Stays, "old");
+        let fresh = Snapshot { toe_age: Span::from_ms(2), ..seen };
+        let high = Signs { seen: &fresh, height_m: 0.1, ..signs };
+        assert_eq!(walk.detector.judge(&high), Verdict::Stays, "in the air");
+    }
+
+    #[test]
+    fn one_stuck_potentiometer_is_no_longer_asked_and_its_twin_still_is() {
+        let mut walk = Walk::new();
+        let stuck = [0.0, 0.0, 2e-3, 0.0];
+        // Its first false touchdown is taken back by the weight.
+        assert_eq!(walk.on(80, stuck, 0.0).first(), Some(&Verdict::Changes));
+        let mut walk = Walk { stance: Leg::Inner, ..walk };
+        walk.on(300, stuck, 0.0);
+        assert_eq!(walk.detector.stuck(), 0b0100);
+        walk.stance = Leg::Inner;
+        assert!(walk.on(200, stuck, 0.0).is_empty());
+        assert_eq!(walk.on(15, [0.0, 0.0, 2e-3, 2e-3], 0.0), [Verdict::Changes]);
+    }
+
+    #[test]
+    fn a_potentiometer_that_misses_its_twins_blows_is_stuck() {
+        let mut walk = Walk::new();
+        for _ in 0..4 {
+            walk.stance = Leg::Inner;
+            walk.on(10, [0.0, 0.0, 2e-3, 0.0], 0.0);
+            walk.on(100, AIR, 0.0);
+        }
+        assert_eq!(walk.detector.stuck(), 0b1000);
+    }
+
+    #[test]
+    fn trust_falls_with_the_weight_elsewhere() {
+        assert!((trust(0.0) - 1.0).abs() < 1e-15 && trust(1.0).abs() < 1e-15 && trust(0.6) < 0.6);
+        assert!((trust(-3.0) - 1.0).abs() < 1e-15);
     }
 }

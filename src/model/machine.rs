@@ -31,9 +31,9 @@ mod motion;
 mod second;
 mod solve;
 mod start;
-mod toes;
 #[cfg(test)]
 mod tests;
+mod toes;
 
 use super::effect::actuator::Drive;
 use super::effect::friction::Grip;
@@ -47,8 +47,8 @@ pub use floor::Floor;
 use motion::{FlowOf, Plant, Stages};
 pub use motion::{Phase, Work};
 pub use start::Inner;
-pub use toes::ToeMotion;
 use start::STABLE_DECAY;
+pub use toes::ToeMotion;
 
 /// Most bristles.
 pub const MAX_BRISTLES: usize = 3;

@@ -71,5 +71,11 @@ message! {
         pub attitude_bias_rad: f64,
         /// Number of stance changes seen.
         pub steps: u32,
+        /// Share of the weight that the foot carries which is not taken to stand: 0 = none, 1 = all.
+        pub weight_elsewhere: f64,
+        /// How far the stance leg is to be trusted with torque, 0 to 1.
+        pub stance_trust: f64,
+        /// Toes whose spring sensor is stuck and no longer asked, by bit: inner A, inner B, outer A, outer B.
+        pub stuck_pots: u8,
     }
 }

@@ -18,11 +18,11 @@ mod status;
 mod tick;
 
 pub use command::{DriveCommand, DriveCommands, DriveGoal, JointCommand};
+pub use control::{ControlState, LawName, Motion};
 pub use estimate::{Estimate, Snapshot};
 pub use fault::{Fault, FaultCode};
 pub use frame::{BusFrame, CanFrame, FrameBatch, Frames, MAX_DATA, MAX_FRAMES};
 pub use reflect::{Element, FieldShape, Kind, Shape, Value};
-pub use control::{ControlState, LawName, Motion};
 pub use sensor::{
     BusHealth, DriveFeedback, DriveFeedbacks, DriveState, ImuBatch, ImuSample, MAX_IMU, OperatorSample, ZeroState,
 };

@@ -3,8 +3,8 @@
 
 use super::reflect::message;
 use super::{
-    BUSES, BusHealth, ControlState, DriveCommands, DriveFeedbacks, Estimate, FrameBatch, ImuBatch, JointCommand, OperatorSample,
-    Snapshot, Status,
+    BUSES, BusHealth, ControlState, DriveCommands, DriveFeedbacks, Estimate, FrameBatch, ImuBatch, JointCommand,
+    OperatorSample, Snapshot, Status,
 };
 use crate::base::time::{Span, Stamp};
 use iceoryx2::prelude::ZeroCopySend;

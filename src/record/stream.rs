@@ -6,8 +6,8 @@
 use super::cdr::{decode, encode};
 use crate::base::time::Stamp;
 use crate::msg::{
-    BUSES, BusFrame, ControlState, DriveCommands, DriveFeedbacks, Element, Estimate, FrameBatch, ImuBatch, ImuSample, JointCommand,
-    OperatorSample, RecorderStatus, Shape, Snapshot, Status, TickHead, TickRecord,
+    BUSES, BusFrame, ControlState, DriveCommands, DriveFeedbacks, Element, Estimate, FrameBatch, ImuBatch, ImuSample,
+    JointCommand, OperatorSample, RecorderStatus, Shape, Snapshot, Status, TickHead, TickRecord,
 };
 
 /// A stream of messages of one type.

@@ -5,6 +5,9 @@
 
 use crate::base::scalar::Scalar;
 
+/// Bandwidth of a toe drive's position loop, 1/s: a position drive of this class holds 10 Hz.
+const LOOP_1_S: f64 = 60.0;
+
 /// Constants of a toe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Toe<S> {
@@ -39,9 +42,9 @@ impl<S: Scalar> Toe<S> {
         let half = 0.5 * limit_m_s2 * dt_s;
         let reach = (to_go.abs() * (2.0 * limit_m_s2) + half * half).sqrt() - half;
         let fastest = reach.clamp_to(0.0, self.rate_limit_m_s.value());
-        let arrives = to_go.abs() / dt_s;
-        let wanted = if arrives.value() < fastest.value() { arrives } else { fastest } * to_go.sign();
-        ((wanted - rate_m_s) / dt_s).clamp_to(-limit_m_s2, limit_m_s2)
+        let linear = to_go.abs() * LOOP_1_S.min(1.0 / dt_s);
+        let wanted = if linear.value() < fastest.value() { linear } else { fastest } * to_go.sign();
+        ((wanted - rate_m_s) * (4.0 * LOOP_1_S).min(1.0 / dt_s)).clamp_to(-limit_m_s2, limit_m_s2)
     }
 
     /// Compression of the spring (what the potentiometer reads), m, under the ground force `force_n` along the leg.

@@ -4,10 +4,10 @@
 //! friction, so that no force is indeterminate and none is missed. It becomes the foot that stands when it lands so that
 //! the old one leaves (the rigid impact says so), or when the old one is unloaded.
 
+use super::Machine;
 use super::contact::Contact;
 use super::hold::product;
 use super::motion::{FlowOf, Phase, Plant, Work};
-use super::Machine;
 use crate::base::scalar::Scalar;
 use crate::model::mechanism::MAX;
 
@@ -121,8 +121,7 @@ impl<S: Scalar> Machine<S> {
             self.flow_of = FlowOf::Nothing;
             return;
         }
-        let (Some(press), Some(place)) =
-            (self.plant.press(&self.y), self.plant.foot_place(&self.y, 1 - self.stance()))
+        let (Some(press), Some(place)) = (self.plant.press(&self.y), self.plant.foot_place(&self.y, 1 - self.stance()))
         else {
             return;
         };
