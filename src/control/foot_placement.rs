@@ -99,6 +99,7 @@ impl FootPlacement {
     }
 
     /// Torque and toes for this state.
+    /// A speed of zero asks for a foothold that the robot does not pass.
     pub(super) fn step(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot, speed_m_s: f64) -> Wish {
         let mut step = match self.step {
             Some(step) if step.stance == e.stance => step,
@@ -187,10 +188,13 @@ impl FootPlacement {
             step.goal_rad = n.first_angle_rad;
             step.push_m = n.first_push_m;
         } else {
-            let wanted = passing_rad_s(wanted_rad, speed_m_s / self.leg_m);
-            step.goal_rad = self.foothold(e, wanted * wanted, wanted_rad);
+            let stops = speed_m_s <= 0.0;
+            let passing = passing_rad_s(wanted_rad, speed_m_s / self.leg_m);
+            let wanted = if stops { STOPPING } else { passing * passing };
+            step.goal_rad = self.foothold(e, wanted, wanted_rad);
             // A foothold shorter than wanted lacks energy: push more.
-            step.push_m = (n.push_m + n.push_per_angle_m_rad * (wanted_rad - step.goal_rad)).clamp(0.0, n.push_most_m);
+            let push_m = n.push_m + n.push_per_angle_m_rad * (wanted_rad - step.goal_rad);
+            step.push_m = if stops { 0.0 } else { push_m.clamp(0.0, n.push_most_m) };
         }
         step.next = self.next_energy(e, step.goal_rad);
         step.lands_s = (since_s + time_to(e, -step.goal_rad)).min(LONGEST_S);
@@ -254,7 +258,7 @@ impl FootPlacement {
 }
 
 /// ξ²: above zero the stance leg passes (or has passed) the vertical, rad²/s².
-fn energy(e: &Estimate) -> f64 {
+pub(super) fn energy(e: &Estimate) -> f64 {
     e.theta_stance_rad_s * e.theta_stance_rad_s - KAPPA2 * e.theta_stance_rad * e.theta_stance_rad
 }
 
@@ -309,6 +313,8 @@ const LEAST_RATE: f64 = 0.05;
 const LEAST_GROWTH: f64 = 1e-4;
 const SLOWEST_1_S: f64 = 0.05;
 const LONGEST_HALF: f64 = 4.0;
+/// ξ² that a step to stop with shall begin with, rad²/s²: short of passing by .07 rad.
+const STOPPING: f64 = -0.05;
 /// Largest gain of ξ² in a step that is believed, rad²/s².
 const MOST_GAIN: f64 = 0.3;
 

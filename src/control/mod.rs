@@ -139,6 +139,11 @@ impl ToeLengths {
         Self { stance_m: toe.extended_m, swing_m: toe.retracted_m }
     }
 
+    /// Out and back, m.
+    const fn lengths_m(self) -> (f64, f64) {
+        (self.stance_m, self.swing_m)
+    }
+
     const fn for_stance(self, stance: Leg) -> [f64; TOES] {
         let (out, back) = (self.stance_m, self.swing_m);
         match stance {

@@ -8,10 +8,11 @@
 
 use super::ToeLengths;
 use super::balance::Balance;
-use super::foot_placement::{FootPlacement, Wish};
+use super::foot_placement::{FootPlacement, Wish, energy};
+use super::hold::Hold;
 use crate::base::time::Stamp;
 use crate::config::checked::{Config, Walk as Schedule};
-use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot};
+use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot, TOES};
 
 /// Laws and mode.
 #[derive(Clone, Debug)]
@@ -23,6 +24,11 @@ pub(super) struct Walk {
     motion: Motion,
     since: Stamp,
     first_step: u32,
+    /// Steps when the last touchdown of a stop was awaited.
+    stop_step: u32,
+    hold: Hold,
+    /// Since when both legs have been at rest.
+    still_since: Stamp,
 }
 
 impl Walk {
@@ -36,6 +42,9 @@ impl Walk {
             motion: Motion::Stand,
             since: Stamp::NEVER,
             first_step: 0,
+            stop_step: 0,
+            hold: Hold::new(&config.control),
+            still_since: Stamp::NEVER,
         }
     }
 
@@ -56,9 +65,10 @@ impl Walk {
     /// Torque and toes, and what it is about.
     pub(super) fn step(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) -> (Wish, ControlState) {
         let speed_m_s = self.speed_m_s(now.since(self.since).as_s());
-        self.motion = self.next(e, speed_m_s);
+        self.change(now, e, speed_m_s);
         let (wish, law) = match self.motion {
-            Motion::Stand | Motion::Rest => {
+            Motion::Rest => (self.rest(now, e), LawName::Hold),
+            Motion::Stand => {
                 self.first_step = e.steps;
                 let hip_torque_nm = self.balance.torque_nm(e, seen.late);
                 let toe_position_m = self.toes.for_stance(e.stance);
@@ -78,13 +88,42 @@ impl Walk {
         (wish, state)
     }
 
-    const fn next(&self, e: &Estimate, speed_m_s: f64) -> Motion {
+    fn change(&mut self, now: Stamp, e: &Estimate, speed_m_s: f64) {
         let asked = speed_m_s > 0.0;
-        match self.motion {
+        let next = match self.motion {
             Motion::Stand if asked => Motion::StepIn,
             Motion::StepIn if e.steps.wrapping_sub(self.first_step) >= 1 => Motion::Walk,
             Motion::Walk if !asked => Motion::Stop,
+            Motion::Stop if e.steps != self.stop_step && energy(e) < 0.0 => Motion::Rest,
             motion => motion,
+        };
+        if next != self.motion {
+            match next {
+                Motion::Stop => self.stop_step = e.steps,
+                Motion::Rest => {
+                    self.hold.reset(e);
+                    self.still_since = now;
+                }
+                _ => {}
+            }
+            self.motion = next;
         }
     }
+
+    /// Holds the legs apart until they are still, then lets the torque go: two legs apart stand by friction.
+    fn rest(&mut self, now: Stamp, e: &Estimate) -> Wish {
+        if e.theta_stance_rad_s.abs().max(e.theta_swing_rad_s.abs()) > STILL_RAD_S {
+            self.still_since = now;
+        }
+        let still_s = now.since(self.still_since).as_s();
+        let share = (1.0 - (still_s - STILL_S) / FADE_S).clamp(0.0, 1.0);
+        let (out, back) = self.toes.lengths_m();
+        let middle_m = 0.5 * (out + back);
+        Wish { hip_torque_nm: share * self.hold.torque_nm(e), toe_position_m: [middle_m; TOES], ..Wish::default() }
+    }
 }
+
+/// Slower legs are still, rad/s; they must be so long, s; then the torque fades within this, s.
+const STILL_RAD_S: f64 = 0.05;
+const STILL_S: f64 = 0.5;
+const FADE_S: f64 = 0.5;

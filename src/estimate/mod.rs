@@ -41,7 +41,7 @@ use crate::msg::{Estimate, JointCommand, Leg, Snapshot, TOES};
 use bias::BiasObserver;
 use high_gain::{HighGain, StanceModel, State};
 use measure::{Measured, Sampled, Sensors};
-use touchdown::{Detector, Signs, Verdict, trust};
+use touchdown::{Detector, Signs, Verdict, doubt};
 use weight::Weight;
 
 /// Longest gap that the observer bridges with its model; after more it starts again.
@@ -271,7 +271,7 @@ impl Estimator {
             attitude_bias_rad: self.bias.bias_rad(),
             steps: self.steps,
             weight_elsewhere: self.weight.elsewhere(),
-            stance_trust: trust(self.weight.elsewhere()),
+            stance_doubt: doubt(self.weight.elsewhere()),
             stuck_pots: self.touchdown.stuck(),
         }
     }

@@ -9,7 +9,7 @@
 //! The robot's weight alone does not move the preloaded springs, but a blow does. So a swing toe whose spring gives way has
 //! met the ground. Springs see blows only, so the second sign of contact is [`super::weight`]: which foot carries the robot.
 //! A touchdown too soft for the springs is noticed by the weight; a blow after which the weight stays where it was (a toe
-//! that knocked something) is taken back. In between the trust in the stance leg falls, and the torque with it.
+//! that knocked something) is taken back. In between there is doubt, and the torque fades with it.
 //!
 //! A potentiometer that shows a blow all the time, or none where its twin does, is no longer asked. With one toe of a leg
 //! left the robot walks on; with none it does not know when that leg lands by its springs and says so.
@@ -31,8 +31,8 @@ const CARRIES_FOR: Span = Span::from_ms(10);
 const ON_TRIAL: Span = Span::from_ms(90);
 /// Not before this: the momentum observer needs its time.
 const NOT_BEFORE: Span = Span::from_ms(45);
-/// Full trust below the first share of weight elsewhere, none above the second.
-const TRUSTED: [f64; 2] = [0.35, 0.8];
+/// No doubt below the first share of weight elsewhere, full doubt above the second.
+const DOUBTED: [f64; 2] = [0.5, 0.9];
 /// A blow is shorter: a potentiometer that shows one for so long is stuck.
 const LONGEST_BLOW: Span = Span::from_ms(250);
 /// Blows of the other toe of the pair that a potentiometer may miss in a row.
@@ -192,10 +192,10 @@ impl Pot {
     }
 }
 
-/// How far the stance leg is to be trusted with torque, 0 to 1.
-pub(super) fn trust(elsewhere: f64) -> f64 {
-    let [full, none] = TRUSTED;
-    ((none - elsewhere) / (none - full)).clamp(0.0, 1.0)
+/// Doubt about the stance leg: 0 = none, 1 = full.
+pub(super) fn doubt(elsewhere: f64) -> f64 {
+    let [none, full] = DOUBTED;
+    ((elsewhere - none) / (full - none)).clamp(0.0, 1.0)
 }
 
 #[cfg(test)]
@@ -301,8 +301,8 @@ mod tests {
     }
 
     #[test]
-    fn trust_falls_with_the_weight_elsewhere() {
-        assert!((trust(0.0) - 1.0).abs() < 1e-15 && trust(1.0).abs() < 1e-15 && trust(0.6) < 0.6);
-        assert!((trust(-3.0) - 1.0).abs() < 1e-15);
+    fn doubt_grows_with_the_weight_elsewhere() {
+        assert!(doubt(0.0).abs() < 1e-15 && (doubt(1.0) - 1.0).abs() < 1e-15 && doubt(0.8) > 0.5);
+        assert!(doubt(-3.0).abs() < 1e-15);
     }
 }

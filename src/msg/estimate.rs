@@ -73,8 +73,8 @@ message! {
         pub steps: u32,
         /// Share of the weight that the foot carries which is not taken to stand: 0 = none, 1 = all.
         pub weight_elsewhere: f64,
-        /// How far the stance leg is to be trusted with torque, 0 to 1.
-        pub stance_trust: f64,
+        /// Doubt about the stance leg, by which torque fades: 0 = none, 1 = no torque.
+        pub stance_doubt: f64,
         /// Toes whose spring sensor is stuck and no longer asked, by bit: inner A, inner B, outer A, outer B.
         pub stuck_pots: u8,
     }

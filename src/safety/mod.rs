@@ -210,7 +210,8 @@ impl Guard {
         let (hip_torque_nm, toe_position_m) = match self.mode {
             Mode::Armed if health::outdated(&self.rules, facts) => (self.torque.close(), self.toes.stay(measured)),
             Mode::Armed => {
-                let ramp = self.ramp(facts.input.now);
+                // While it is not known which leg stands, torque may have the wrong sign: positive feedback (thesis 2.1.4).
+                let ramp = self.ramp(facts.input.now) * sure(facts.estimate.stance_doubt);
                 (self.torque.pass(facts.wanted.hip_torque_nm, ramp), self.toes.follow(&facts.wanted.toe_position_m))
             }
             _ => (self.torque.close(), self.toes.stay(measured)),
@@ -263,6 +264,11 @@ fn toes(feedback: &DriveFeedbacks) -> impl Iterator<Item = &DriveFeedback> {
 
 fn has_zero(drive: &DriveFeedback) -> bool {
     drive.zero == ZeroState::Known
+}
+
+/// Share of the torque limit that is open at this doubt; none if it is not a number.
+const fn sure(doubt: f64) -> f64 {
+    if doubt >= 0.0 { 1.0 - doubt.min(1.0) } else { 0.0 }
 }
 
 /// The fault of an open hand, told only if nothing else is wrong.
