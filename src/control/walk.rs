@@ -27,8 +27,8 @@ pub(super) struct Walk {
     /// Steps when the last touchdown of a stop was awaited.
     stop_step: u32,
     hold: Hold,
-    /// Since when both legs have been at rest.
-    still_since: Stamp,
+    /// Since when it comes to rest.
+    rests_since: Stamp,
 }
 
 impl Walk {
@@ -44,7 +44,7 @@ impl Walk {
             first_step: 0,
             stop_step: 0,
             hold: Hold::new(&config.control),
-            still_since: Stamp::NEVER,
+            rests_since: Stamp::NEVER,
         }
     }
 
@@ -102,7 +102,7 @@ impl Walk {
                 Motion::Stop => self.stop_step = e.steps,
                 Motion::Rest => {
                     self.hold.reset(e);
-                    self.still_since = now;
+                    self.rests_since = now;
                 }
                 _ => {}
             }
@@ -112,18 +112,15 @@ impl Walk {
 
     /// Holds the legs apart until they are still, then lets the torque go: two legs apart stand by friction.
     fn rest(&mut self, now: Stamp, e: &Estimate) -> Wish {
-        if e.theta_stance_rad_s.abs().max(e.theta_swing_rad_s.abs()) > STILL_RAD_S {
-            self.still_since = now;
-        }
-        let still_s = now.since(self.still_since).as_s();
-        let share = (1.0 - (still_s - STILL_S) / FADE_S).clamp(0.0, 1.0);
+        let rested_s = now.since(self.rests_since).as_s();
+        let share = (1.0 - (rested_s - ROCKS_S) / FADE_S).clamp(0.0, 1.0);
         let (out, back) = self.toes.lengths_m();
         let middle_m = 0.5 * (out + back);
         Wish { hip_torque_nm: share * self.hold.torque_nm(e), toe_position_m: [middle_m; TOES], ..Wish::default() }
     }
 }
 
-/// Slower legs are still, rad/s; they must be so long, s; then the torque fades within this, s.
-const STILL_RAD_S: f64 = 0.05;
-const STILL_S: f64 = 0.5;
+/// It rocks from foot to foot for less than this, s (every landing takes a quarter of the energy); then the torque fades.
+/// The observer's rates cannot say: they know one foot only.
+const ROCKS_S: f64 = 6.0;
 const FADE_S: f64 = 0.5;
