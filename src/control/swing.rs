@@ -47,8 +47,8 @@ pub(super) fn torque(p: &Normalised<f64>, q: [f64; 2], v: [f64; 2], swing_accele
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config;
     use crate::model::compass_gait::dynamics::acceleration_without_friction;
-    use crate::model::compass_gait::reference;
 
     #[test]
     fn quintic_meets_its_ends_and_its_rates_are_its_derivatives() {
@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn computed_torque_gives_the_acceleration_that_was_asked_for() {
-        let p = reference::sysid().normalised().frictionless();
+        let p = config::load(None, &[]).unwrap().config.robot.model.params().normalised().frictionless();
         for (q, v, wanted) in [([0.1, -0.2], [0.5, -1.0], 3.0), ([-0.2, 0.2], [-0.7, 0.4], -8.0)] {
             let tau = torque(&p, q, v, wanted, 1.0);
             assert!((acceleration_without_friction(&p, q, v, tau)[1] - wanted).abs() < 1e-10);

@@ -54,7 +54,7 @@ fn nothing_is_asked_for_at_the_upright_equilibrium() {
     for name in ALL {
         let mut c = controller(name);
         let upright = state(Leg::Outer, [0.0; 4]);
-        c.reset(&upright, &Snapshot::default());
+        c.reset(Stamp(0), &upright);
         assert!(torque(&mut c, &upright).abs() < 1e-15, "{name}");
     }
 }
@@ -81,7 +81,7 @@ fn a_state_that_is_not_finite_shows_in_the_torque() {
 fn mirrored_state_gives_the_opposite_torque() {
     for name in ALL {
         let mut c = controller(name);
-        c.reset(&state(Leg::Inner, [0.0; 4]), &Snapshot::default());
+        c.reset(Stamp(0), &state(Leg::Inner, [0.0; 4]));
         for x in states() {
             for leg in [Leg::Inner, Leg::Outer] {
                 let (one, other) = (torque(&mut c, &state(leg, x)), torque(&mut c, &state(leg, x.map(|v| -v))));
@@ -120,7 +120,7 @@ fn friction_is_compensated_by_its_share_and_not_when_ticks_are_late() {
 fn hold_pushes_back_from_where_it_was_reset() {
     for leg in [Leg::Inner, Leg::Outer] {
         let mut c = controller("hold");
-        c.reset(&state(leg, [0.1, -0.2, 0.0, 0.0]), &Snapshot::default());
+        c.reset(Stamp(0), &state(leg, [0.1, -0.2, 0.0, 0.0]));
         let sign = if leg == Leg::Inner { 1.0 } else { -1.0 };
         assert!((torque(&mut c, &state(leg, [0.11, -0.2, 0.0, 0.0])) + sign * 200.0 * 0.01).abs() < 1e-9);
         assert!((torque(&mut c, &state(leg, [0.1, -0.2, 0.3, 0.0])) + sign * 20.0 * 0.3).abs() < 1e-9);

@@ -31,12 +31,14 @@ pub(super) struct BiasObserver {
     time_s: f64,
     momentum: Option<f64>,
     bias_rad: f64,
+    /// The next momentum is that of the rates that the observer believes.
+    trusts_observer: bool,
 }
 
 impl BiasObserver {
     /// Double pole at -1/`time_s`; 0 turns it off.
     pub(super) const fn new(time_s: f64) -> Self {
-        Self { time_s, momentum: None, bias_rad: 0.0 }
+        Self { time_s, momentum: None, bias_rad: 0.0, trusts_observer: false }
     }
 
     /// Bias as believed now, rad.
@@ -53,16 +55,27 @@ impl BiasObserver {
     /// Keeps the bias but not the momentum: somebody may hold the robot, or the stance leg changes.
     pub(super) const fn pause(&mut self) {
         self.momentum = None;
+        self.trusts_observer = false;
+    }
+
+    /// Samples are missing, or mix two states: goes on from the rates that the observer believes. A single difference of
+    /// the encoder is too rough to begin with (a count is .16 rad/s).
+    pub(super) const fn restart(&mut self) {
+        self.momentum = None;
+        self.trusts_observer = true;
     }
 
     /// One period: measured `[θs, θw, θ̇s, θ̇w]` less the bias as believed, rates those of the middle of the last period.
     /// The momentum is carried from middle to middle, so that the moment of this instant is the mean between them.
-    pub(super) fn step(&mut self, p: &Normalised<f64>, measured: &[f64; 4], dt_s: f64) {
+    /// `believed`: the observer's rates.
+    pub(super) fn step(&mut self, p: &Normalised<f64>, measured: &[f64; 4], believed: Option<[f64; 2]>, dt_s: f64) {
         let [ts, tw, vs, vw] = *measured;
         let t = Trig::new([ts, tw]);
         let ([[h11, h12], [h21, h22]], [gs, gw]) = (mass_matrix_at(p, &t), gravity_at(p, &t));
-        let momentum = (h11 + h21) * vs + (h12 + h22) * vw;
-        let believed = self.momentum.unwrap_or(momentum);
+        let momentum_of = |vs: f64, vw: f64| (h11 + h21) * vs + (h12 + h22) * vw;
+        let momentum = momentum_of(vs, vw);
+        let start = || believed.filter(|_| self.trusts_observer).map_or(momentum, |[vs, vw]| momentum_of(vs, vw));
+        let believed = self.momentum.unwrap_or_else(start);
         let error = momentum - believed;
         if self.time_s <= 0.0 || !error.is_finite() {
             return self.pause();

@@ -83,8 +83,9 @@ struct HipRate {
 
 /// Hip readings kept: more than an IMU sample is ever old.
 const KEPT: usize = 32;
-/// IMU samples farther apart give no mean rate, s.
-const LONGEST_INTERVAL_S: f64 = 0.02;
+
+/// Readings farther apart say nothing about the rate between them, s.
+const WIDEST_GAP_S: f64 = 0.005;
 
 /// The last hip readings.
 #[derive(Clone, Copy, Debug)]
@@ -107,6 +108,9 @@ impl Past {
     fn at(&self, t: Stamp) -> Option<f64> {
         let (mut before, mut after) = (None::<(Stamp, f64)>, None::<(Stamp, f64)>);
         for &(stamp, angle) in self.readings.iter().filter(|(stamp, _)| *stamp != Stamp::NEVER) {
+            if stamp == t {
+                return Some(angle);
+            }
             if stamp <= t && before.is_none_or(|(b, _)| stamp > b) {
                 before = Some((stamp, angle));
             } else if stamp > t && after.is_none_or(|(a, _)| stamp < a) {
@@ -115,6 +119,9 @@ impl Past {
         }
         let ((from, a), (to, b)) = (before?, after?);
         let span_s = to.since(from).as_s();
+        if span_s > WIDEST_GAP_S {
+            return None;
+        }
         Some(a + (b - a) * t.since(from).as_s() / span_s)
     }
 }
@@ -177,9 +184,6 @@ impl Sensors {
         self.sample = Some(Sample { stamp, gyro_rad_s, hip_rad });
         let last = last?;
         let dt_s = stamp.since(last.stamp).as_s();
-        if dt_s > LONGEST_INTERVAL_S {
-            return None;
-        }
         let (gyro, hip) = (0.5 * (gyro_rad_s + last.gyro_rad_s), (hip_rad - last.hip_rad) / dt_s);
         Some(Sampled { angle_rad: [inner_rad, inner_rad - hip_rad], rate_rad_s: [gyro, gyro - hip], dt_s })
     }

@@ -47,6 +47,9 @@ use weight::Weight;
 /// Longest gap that the observer bridges with its model; after more it starts again.
 const LONGEST_GAP: Span = Span::from_ms(50);
 
+/// IMU periods after which the momentum is carried on no longer.
+const SAMPLES: f64 = 3.0;
+
 /// So long after a touchdown the bias learns nothing: rates are means over some ms, and the legs ring.
 const SETTLING: Span = Span::from_ms(40);
 
@@ -80,6 +83,8 @@ pub struct Estimator {
     touchdown: Detector,
     weight: Weight,
     leg_m: f64,
+    /// Longest time between IMU samples that tells a rate, s.
+    longest_interval_s: f64,
     innovation_rad: [f64; 2],
     last: Stamp,
     landed: Stamp,
@@ -113,6 +118,7 @@ impl Estimator {
             touchdown: Detector::new(control.touchdown_spring_m),
             weight: Weight::default(),
             leg_m: params.leg_length_m,
+            longest_interval_s: SAMPLES / f64::from(robot.imu.rate_hz.max(1)),
             innovation_rad: [0.0; 2],
             last: Stamp::NEVER,
             landed: Stamp::NEVER,
@@ -172,7 +178,7 @@ impl Estimator {
         if let Some(state) = self.state {
             self.state = contact::touchdown(self.model(), &state);
         }
-        self.bias.pause();
+        self.bias.restart();
         self.weight.change();
         self.stance = self.stance.other();
         self.steps = self.steps.wrapping_add(1);
@@ -219,7 +225,7 @@ impl Estimator {
         let mut predicted = self.model().predict(&state, tau, dt_s);
         self.innovation_rad = [0.0; 2];
         match measured {
-            None => self.bias.pause(),
+            None => self.bias.restart(),
             Some(m) => {
                 let y = m.stance_first(self.stance);
                 self.innovation_rad = [y[0] - predicted[0], y[1] - predicted[1]];
@@ -234,12 +240,17 @@ impl Estimator {
     fn learn(&mut self, sampled: Option<&Sampled>) {
         let Some(m) = sampled else { return };
         let (model, measured) = (*self.model(), m.stance_first(self.stance));
+        if m.dt_s > self.longest_interval_s {
+            self.weight.pause();
+            return self.bias.restart();
+        }
         self.weight.step(&model, &measured, m.dt_s);
         // A mean rate that mixes before and after a touchdown says nothing about the moment of gravity.
         if self.landed != Stamp::NEVER && self.last.since(self.landed) < SETTLING {
-            return self.bias.pause();
+            return self.bias.restart();
         }
-        self.bias.step(&model.whole, &measured, m.dt_s);
+        let believed = self.state.map(|[_, _, _, vs, vw, _]| [vs, vw]);
+        self.bias.step(&model.whole, &measured, believed, m.dt_s);
     }
 
     const fn model(&self) -> &StanceModel {

@@ -6,7 +6,9 @@ use crate::config::load;
 use crate::msg::ImuSample;
 
 fn config(keys: &[&str]) -> Config {
-    load(None, &keys.iter().map(|k| (*k).to_owned()).collect::<Vec<_>>()).unwrap().config
+    // The snapshots below are of an ideal IMU.
+    let ideal = ["robot.imu.latency_ms=0.0"];
+    load(None, &ideal.iter().chain(keys).map(|k| (*k).to_owned()).collect::<Vec<_>>()).unwrap().config
 }
 
 fn model(leg: Leg) -> StanceModel {

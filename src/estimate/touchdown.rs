@@ -134,7 +134,7 @@ impl Detector {
 
     /// The other foot has carried the robot for a while.
     fn is_carried(&mut self, signs: &Signs<'_>) -> bool {
-        if signs.elsewhere < CARRIES {
+        if signs.elsewhere.is_nan() || signs.elsewhere < CARRIES {
             self.carried_since = None;
             return false;
         }

@@ -44,6 +44,11 @@ impl Weight {
         *self = Self { momentum: None, residual: 0.0, elsewhere: UNDECIDED, blank_s: BLANK_S };
     }
 
+    /// Samples are missing: the momentum is not carried on.
+    pub(super) const fn pause(&mut self) {
+        self.momentum = None;
+    }
+
     /// An IMU sample; `model` of the leg that is supposed to stand, `measured` `[θs, θw, θ̇s, θ̇w]`.
     pub(super) fn step(&mut self, model: &StanceModel, measured: &[f64; 4], dt_s: f64) {
         self.blank_s -= dt_s;

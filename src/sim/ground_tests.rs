@@ -128,7 +128,7 @@ fn retracting_the_stance_toe_lowers_the_robot_and_keeps_its_foot() {
     let mut world = world(&keys);
     let height = |w: &GroundWorld| w.machine.toe_m()[1];
     assert!(height(&world).abs() < 1e-12);
-    for _ in 0..100 {
+    for _ in 0..500 {
         world.step(0.0, [0.01; 4], Span::from_ms(1));
     }
     assert!((height(&world) + 0.02).abs() < 1e-6, "{}", height(&world));

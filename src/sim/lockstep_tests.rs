@@ -285,7 +285,8 @@ fn estimate_follows_across_the_impact_of_a_fall_onto_the_other_leg() {
         println!("blind: {} rad, {} rad/s", blind.angle_rad, blind.rate_rad_s);
         // Toes report every 4 ms, a frame takes one more, the spring needs one to give way.
         assert!(followed.late_ms.is_some_and(|ms| ms <= 8), "{leg:?}: {:?}", followed.late_ms);
-        assert!(followed.angle_rad < 0.01 && followed.rate_rad_s < 0.25, "{leg:?}");
+        // 4 ms of late rates, of the swing leg that carries the IMU and of the other: some 10 mrad.
+        assert!(followed.angle_rad < 0.015 && followed.rate_rad_s < 0.25, "{leg:?}");
         assert!(blind.late_ms.is_none() && blind.rate_rad_s > 2.0 * followed.rate_rad_s, "{leg:?}");
     }
 }

@@ -5,6 +5,8 @@
 
 use crate::base::scalar::Scalar;
 
+/// Share of the acceleration that a stop is planned with; the rest corrects.
+const BRAKES: f64 = 0.8;
 /// Bandwidth of a toe drive's position loop, 1/s: a position drive of this class holds 10 Hz.
 const LOOP_1_S: f64 = 60.0;
 
@@ -40,7 +42,7 @@ impl<S: Scalar> Toe<S> {
         let to_go = target_m.clamp_to(0.0, self.stroke_m.value()) - position_m;
         // v²/2a left to brake in, less what this step still travels.
         let half = 0.5 * limit_m_s2 * dt_s;
-        let reach = (to_go.abs() * (2.0 * limit_m_s2) + half * half).sqrt() - half;
+        let reach = (to_go.abs() * (2.0 * BRAKES * limit_m_s2) + half * half).sqrt() - half;
         let fastest = reach.clamp_to(0.0, self.rate_limit_m_s.value());
         let linear = to_go.abs() * LOOP_1_S.min(1.0 / dt_s);
         let wanted = if linear.value() < fastest.value() { linear } else { fastest } * to_go.sign();
