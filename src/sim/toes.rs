@@ -131,11 +131,6 @@ impl Toes {
         self.screws.map(|screw| screw.position_m)
     }
 
-    /// Power that the screws of each leg give to the robot, W.
-    pub(super) fn power_w(&self) -> [f64; 2] {
-        std::array::from_fn(|leg| self.load_n[leg] * self.longest(leg).rate_m_s)
-    }
-
     fn compression_of_leg_m(&self, leg: usize) -> f64 {
         if !self.springs {
             return 0.0;
