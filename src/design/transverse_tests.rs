@@ -240,3 +240,13 @@ fn time_varying_gains_bring_a_rebalance_home_where_the_open_loop_falls() {
     let (closed, open) = (end(1.0), end(0.0));
     assert!(closed < 0.01 && open > 10.0 * closed, "{closed} {open}");
 }
+
+#[test]
+fn step_in_from_rest_has_surfaces_from_its_first_instant() {
+    let slow = gait(0.4, 0.4);
+    let entry = slow.trajectory.arcs[0].states[0];
+    let step_in = solved(&Terms::careful(Params::sysid()).join(Leg::Outer, [0.0; 4], 1, [0.1, 0.6], entry));
+    let d = gains(&step_in, &Weights::THESIS, None).unwrap().transverse.unwrap();
+    assert!(d.surfaces[0].alignment > 0.1 && d.surfaces[0].room > 0.0, "{}", d.surfaces[0].alignment);
+    assert!(d.open_loop.is_nan(), "not periodic: no multiplier");
+}
