@@ -37,6 +37,8 @@
 //! - *Thesis*: Z. J. Jackowski, *Design, Construction, and Experiments with a Compass Gait Walking Robot*, MIT, 2011;
 //!   with the corrections of its errata where the code says "corrected".
 //! - *CiA 301*, *CiA 402*: CANopen application layer and drive profile. *GX3*: MicroStrain 3DM-GX3 single-byte protocol.
+//!   The formats as read here: `docs/protocols.md`.
+//! - *Notes*, *model notes*: `docs/equations.md`, by section. *Contract*: `docs/contract.md`.
 
 pub mod accumulate;
 pub mod base;

@@ -74,7 +74,6 @@ fn accelerations_are_as_printed() {
 
 #[test]
 fn energies_are_as_printed() {
-    // The notes print .2150711125 for T of the outer stance; their own H gives .2150712125 (one digit misprinted).
     let printed = [[0.239_306_363_7, 7.200_124_817_6], [0.215_071_212_5, 7.198_540_246_9]];
     for (p, want) in both().iter().zip(printed) {
         let n = p.normalised();
