@@ -123,7 +123,7 @@ fn recorded_run(folder: &Path, seconds: &str, stdout: Stdio) -> std::process::Ch
 fn whole_ticks(folder: &Path) -> u64 {
     let (_, said, stderr) = compass(&["inspect", &recording(folder)]);
     assert!(said.contains("file      whole"), "{said}{stderr}");
-    let line = said.lines().find(|line| line.starts_with("ticks")).unwrap_or_else(|| said.lines().next().unwrap());
+    let line = said.lines().find(|line| line.starts_with("loop")).unwrap();
     line.split_whitespace().find_map(|word| word.parse().ok()).unwrap()
 }
 

@@ -46,6 +46,14 @@ wire_enum! {
         ZeroUnknown = 17,
         /// A toe did not find its stop within its stroke; index: drive.
         HomingFailed = 18,
+        /// Fell forwards out of a walk: the stance leg leans beyond the limit; value: angle in rad.
+        FellForward = 19,
+        /// Fell backwards out of a walk: a step too slow to pass the vertical; value: angle in rad.
+        FellBackward = 20,
+        /// Fell while it was in doubt which leg stands; value: share of the weight on the other foot.
+        StanceLost = 21,
+        /// Both spring sensors of a leg are stuck, so its landing would not be noticed; index: 0 inner, 1 outer.
+        ToesBlind = 22,
         /// A limit at work: torque is saturated; value: Nm asked.
         TorqueLimited = 96,
         /// A limit at work: torque rate is limited; value: Nm/s asked.

@@ -244,7 +244,7 @@ mod tests {
         };
         let html = page(&motion);
         assert!(html.contains("gait &lt;x&gt;") && !html.contains("http://") || html.contains("www.w3.org"));
-        assert_eq!(html.matches("<svg").count(), 6, "animation, portrait, torque, clearance, two of force");
+        assert_eq!(html.matches("class=\"plot\"").count(), 6, "animation, portrait, torque, clearance, two of force");
         assert!(!html.contains("src=") && !html.contains("NaN"));
     }
 }

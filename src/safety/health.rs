@@ -5,7 +5,7 @@
 use super::silence::Ages;
 use super::{Facts, Rules};
 use crate::base::time::{Span, Stamp};
-use crate::msg::{BusHealth, DriveFeedback, DriveState, Element, Fault, FaultCode, Mode, Value, ZeroState};
+use crate::msg::{BusHealth, DriveFeedback, DriveState, Element, Estimate, Fault, FaultCode, Mode, Value, ZeroState};
 use std::f64::consts::PI;
 
 /// Faults found in a tick: all as bits, the first with its values.
@@ -21,6 +21,9 @@ pub(super) struct Findings {
 /// What does not matter while the toes look for their zero: the posture, which nobody knows before.
 const HOMING_TOLERATES: u64 = 1 << FaultCode::ZeroUnknown as u8
     | 1 << FaultCode::TiltLimit as u8
+    | 1 << FaultCode::FellForward as u8
+    | 1 << FaultCode::FellBackward as u8
+    | 1 << FaultCode::StanceLost as u8
     | 1 << FaultCode::RateLimit as u8
     | 1 << FaultCode::EstimateLost as u8
     | 1 << FaultCode::OutOfRange as u8;
@@ -176,7 +179,11 @@ fn posture(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, mode: Mode) {
     let active = matches!(mode, Mode::Arming | Mode::Armed);
     let tilt_rad = if active { limits.tilt_rad } else { limits.arm_tilt_rad };
     let (stance, swing) = (state.theta_stance_rad, state.theta_swing_rad);
-    found.note(stance.abs() > tilt_rad, FaultCode::TiltLimit, 0, stance);
+    let (code, value) = fall(state);
+    found.note(stance.abs() > tilt_rad, code, 0, value);
+    for (leg, both) in [BOTH_OF_INNER, BOTH_OF_OUTER].into_iter().enumerate() {
+        found.note(state.stuck_pots & both == both, FaultCode::ToesBlind, leg, f64::from(state.stuck_pots));
+    }
     found.note(swing.abs() > limits.swing_rad, FaultCode::TiltLimit, 1, swing);
     for (index, rate) in [state.theta_stance_rad_s, state.theta_swing_rad_s].into_iter().enumerate() {
         found.note(rate.abs() > limits.rate_rad_s, FaultCode::RateLimit, index, rate);
@@ -184,6 +191,26 @@ fn posture(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, mode: Mode) {
     let innovation = state.innovation_stance_rad.abs().max(state.innovation_swing_rad.abs());
     let lost = !state.valid || innovation > limits.innovation_rad;
     found.note(lost, FaultCode::EstimateLost, 0, innovation);
+}
+
+/// Both spring sensors of a leg among the stuck ones.
+const BOTH_OF_INNER: u8 = 0b0011;
+const BOTH_OF_OUTER: u8 = 0b1100;
+/// More doubt about the stance leg than this makes it the cause of a fall.
+const DOUBTFUL: f64 = 0.5;
+
+/// What a stance leg beyond its limit is called: walking leans forwards when a foothold comes late, backwards when the leg
+/// does not pass the vertical.
+fn fall(state: &Estimate) -> (FaultCode, f64) {
+    if state.steps == 0 {
+        (FaultCode::TiltLimit, state.theta_stance_rad)
+    } else if state.stance_doubt > DOUBTFUL {
+        (FaultCode::StanceLost, state.weight_elsewhere)
+    } else if state.theta_stance_rad < 0.0 {
+        (FaultCode::FellForward, state.theta_stance_rad)
+    } else {
+        (FaultCode::FellBackward, state.theta_stance_rad)
+    }
 }
 
 fn demand(found: &mut Findings, rules: &Rules, facts: &Facts<'_>, mode: Mode) {

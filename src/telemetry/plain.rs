@@ -1,7 +1,7 @@
 //! One line for a log: what a person would look at first. RT: no.
 
 use super::state::{State, mode_name};
-use crate::msg::{FaultCode, RecorderState};
+use crate::msg::{FaultCode, Motion, RecorderState};
 use hdrhistogram::Histogram;
 
 /// The line.
@@ -19,6 +19,10 @@ pub(super) fn line(state: &State) -> String {
         percentiles(&state.step_ns),
         status.overruns,
     );
+    let doing = &state.tick.control;
+    if doing.motion != Motion::Stand {
+        line += &format!("  {} step {}", doing.motion.name(), doing.steps);
+    }
     if status.first_fault.code != FaultCode::None {
         line += &format!("  fault {}", status.first_fault.code.name());
     }

@@ -3,7 +3,7 @@
 use super::figure::{self, INNER, OUTER};
 use super::plain::microseconds;
 use super::state::{HISTORY_POINTS, State, mode_name};
-use crate::msg::{BusHealth, Drive, DriveState, Leg, Mode, RecorderState};
+use crate::msg::{BusHealth, Drive, DriveState, Leg, Mode, Motion, RecorderState};
 use hdrhistogram::Histogram;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -154,7 +154,19 @@ fn draw_angles(frame: &mut Frame<'_>, area: Rect, state: &State) {
             dim(format!("  steps {}  imu {} ms", e.steps, age_ms(state.tick.snapshot.imu_age.as_s()))),
         ]),
     ];
-    frame.render_widget(Paragraph::new(lines).block(block(" legs ")), area);
+    let doing = &state.tick.control;
+    let title = match doing.motion {
+        Motion::Stand => format!(" legs: {} ", doing.law.name()),
+        _ => format!(
+            " legs: {} by {}, step {}, {:.0} %, {:.2} m/s asked ",
+            doing.motion.name(),
+            doing.law.name(),
+            doing.steps,
+            doing.phase * 100.0,
+            doing.speed_m_s
+        ),
+    };
+    frame.render_widget(Paragraph::new(lines).block(block(&title)), area);
 }
 
 /// An age in ms, or "never".
