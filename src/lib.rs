@@ -30,6 +30,7 @@
 //! | L5 | `report` | plots, tables, pages: data in, files out; computes nothing | no |
 //! | L6 | `identify` | rigs, recordings, free runs with sensitivities, fits, identifiability | no |
 //! | L6 | `diagnose` | detect, localise, attribute, prove; concealed trials | no |
+//! | L6 | [`experiment`] | many runs in lockstep: plan, records, statistics | no |
 //! | L6 | [`latency`] | the harness of `bench/` and `compass bench` | no |
 //! | L7 | `cli` | arguments as typed → plan; one file per subcommand | no |
 //!
@@ -51,6 +52,7 @@ pub mod design;
 pub mod diagnose;
 pub mod dispatch;
 pub mod estimate;
+pub mod experiment;
 pub mod identify;
 pub mod latency;
 pub mod model;

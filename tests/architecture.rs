@@ -26,6 +26,7 @@ const LAYERS: &[(&str, u8)] = &[
     ("report", 5),
     ("identify", 6),
     ("diagnose", 6),
+    ("experiment", 6),
     ("latency", 6),
     ("cli", 7),
 ];

@@ -10,6 +10,7 @@ mod check_config;
 pub mod config_args;
 mod diagnose;
 mod doctor;
+mod experiment;
 mod identify;
 mod inspect;
 mod operator;
@@ -54,6 +55,7 @@ enum Command {
     Operator(operator::Args),
     Zero(zero::Args),
     Sim(sim::Args),
+    Experiment(experiment::Args),
     Replay(replay::Args),
     Inspect(inspect::Args),
     Doctor(doctor::Args),
@@ -76,6 +78,7 @@ impl Run for Command {
             Self::Operator(args) => args.run(),
             Self::Zero(args) => args.run(),
             Self::Sim(args) => args.run(),
+            Self::Experiment(args) => args.run(),
             Self::Replay(args) => args.run(),
             Self::Inspect(args) => args.run(),
             Self::Doctor(args) => args.run(),

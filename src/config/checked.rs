@@ -494,12 +494,20 @@ pub struct Simulation {
     pub on_blocks: bool,
     /// The real machine, where it is not what the controller's model (`robot.model`) says.
     pub body: Option<Model>,
+    /// The real machine differs from that by up to so much, by the seed; `body` and `friction_scale` are already with it.
+    pub model_error: Option<ModelError>,
     /// Compliance of the real hip.
     pub hip_elasticity: Option<HipElasticity>,
     /// Real friction as multiples of the model's: viscous, Coulomb.
     pub friction_scale: [f64; 2],
+    /// Blows from outside at the hip, in the order of their times.
+    pub pushes: Vec<Push>,
+    /// Further ones at random times.
+    pub random_pushes: Option<RandomPushes>,
     /// First-order lag of the motor's torque, s.
     pub actuator_lag_s: f64,
+    /// The hip motor's torque comes so much after its command.
+    pub actuator_delay: Span,
     /// Saturation of the motor's torque at the joint, Nm.
     pub torque_limit_nm: Option<f64>,
     /// Friction of the ground; a foot never slips without.
@@ -539,6 +547,35 @@ pub struct Floor {
     pub steps: Vec<[f64; 2]>,
     /// Radius of the toes' tips, m.
     pub tip_radius_m: f64,
+}
+
+/// Shares by which the real machine may differ from the model, drawn uniformly by the seed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModelError {
+    /// Inertia of either leg about the hip, and of the body.
+    pub inertia: f64,
+    /// Viscous and Coulomb friction of the hip.
+    pub friction: f64,
+}
+
+/// A horizontal blow at the hip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Push {
+    /// When, s after switching on.
+    pub time_s: f64,
+    /// Impulse, N s, + forwards.
+    pub impulse_ns: f64,
+}
+
+/// Blows at random times, as often in one interval as in any other (Poisson), by the seed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RandomPushes {
+    /// Before this there is none, s after switching on.
+    pub from_s: f64,
+    /// Mean time between two, s.
+    pub interval_s: f64,
+    /// Impulse of each, N s, + forwards.
+    pub impulse_ns: f64,
 }
 
 /// Figures of the 3DM-GX3 (thesis 2.1.2).

@@ -14,6 +14,7 @@ mod consistency;
 mod drive;
 mod drives;
 mod model;
+mod model_error;
 mod problem;
 mod process;
 mod raw;
@@ -207,13 +208,14 @@ impl Typed {
         }
         let log = Log::default();
         let section = |name: &str| self.sections.get(name).cloned().unwrap_or_else(|| Node::empty(name));
-        let config = Config {
+        let mut config = Config {
             robot: reader::read(&log, "robot", &section("robot"), robot::robot),
             real_time: reader::read(&log, "rt", &section("rt"), process::real_time),
             control: reader::read(&log, "control", &section("control"), process::control),
             simulation: reader::read(&log, "sim", &section("sim"), simulation::simulation),
         };
         if log.is_clean() {
+            model_error::draw(&mut config);
             consistency::check(&config, &log);
             if !self.plays_robot {
                 consistency::made_up_senses(&config.robot, &log);

@@ -162,6 +162,38 @@ impl Reader<'_> {
         out
     }
 
+    /// A list of tables `{ key = number, ... }` that all have the same keys.
+    pub(super) fn rows<const N: usize>(
+        &self,
+        key: &'static str,
+        columns: [&'static str; N],
+        ranges: [Range; N],
+    ) -> Vec<[f64; N]> {
+        let Some(node) = self.get(key) else { return Vec::new() };
+        let Raw::List(items) = &node.value else {
+            self.wrong(key, node, &format!("must be a list of tables with {}", columns.join(", ")));
+            return Vec::new();
+        };
+        let mut out = Vec::with_capacity(items.len());
+        for (i, item) in items.iter().enumerate() {
+            let path = self.path_of(&format!("{key}[{i}]"));
+            if item.table().is_none() {
+                self.wrong(key, item, &format!("must be a list of tables with {}", columns.join(", ")));
+                continue;
+            }
+            // The list is one line of the canonical text, not one per number.
+            let private = Log::default();
+            out.push(read(&private, &path, item, |r| std::array::from_fn(|k| r.number(columns[k], ranges[k]))));
+            private.errors.into_inner().into_iter().for_each(|problem| self.log.error(problem));
+        }
+        let row = |row: &[f64; N]| {
+            let cells: Vec<String> = columns.iter().zip(row).map(|(name, x)| format!("{name} = {x:?}")).collect();
+            format!("{{ {} }}", cells.join(", "))
+        };
+        self.note(key, format!("[{}]", out.iter().map(row).collect::<Vec<_>>().join(", ")));
+        out
+    }
+
     /// A whole number in a range.
     pub(super) fn integer<T: TryFrom<i64> + Default>(&self, key: &'static str, min: i64, max: i64, unit: &str) -> T {
         self.get(key).and_then(|node| self.checked_integer(key, node, (min, max), unit)).unwrap_or_default()

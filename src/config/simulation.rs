@@ -1,12 +1,15 @@
 //! Reads `sim`: the simulated robot and its imperfections. RT: before arming only.
 
-use super::checked::{Floor, ImuErrors, Model, Simulation};
+use super::checked::{Floor, ImuErrors, Model, ModelError, Push, RandomPushes, Simulation};
 use super::process::LEGS;
-use super::reader::{Reader, range};
+use super::reader::{Range, Reader, range};
 use super::robot::{elasticity, model};
 use crate::base::time::Span;
 use crate::msg::Leg;
 use std::f64::consts::PI;
+
+/// A blow of 100 N s gives this robot 6 m/s.
+const IMPULSE: Range = range(-100.0, 100.0, "N s");
 
 pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
     let second = range(0.0, 1e6, "s");
@@ -19,9 +22,13 @@ pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
         stance: r.choice("stance", LEGS, Leg::Inner),
         on_blocks: r.flag("on_blocks"),
         body: r.optional_table("body", body),
+        model_error: r.optional_table("model_error", model_error),
         hip_elasticity: r.optional_table("hip_elasticity", elasticity),
         friction_scale: r.numbers("friction_scale", range(0.0, 100.0, "1")),
+        pushes: pushes(r),
+        random_pushes: r.optional_table("random_pushes", random_pushes),
         actuator_lag_s: r.number("actuator_lag_s", range(0.0, 1.0, "s")),
+        actuator_delay: Span::from_s(r.number("actuator_delay_s", range(0.0, 0.1, "s"))),
         torque_limit_nm: r.optional_number("torque_limit_nm", range(0.0, 1e4, "Nm")),
         ground_friction: r.optional_number("ground_friction", range(0.0, 10.0, "1")),
         restitution: r.number("restitution", range(0.0, 1.0, "1")),
@@ -34,6 +41,26 @@ pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
         bus_timing: r.flag("bus_timing"),
         operator_press_s: r.number("operator_press_s", second),
         operator_release_s: r.optional_number("operator_release_s", second),
+    }
+}
+
+fn pushes(r: &Reader<'_>) -> Vec<Push> {
+    let rows = r.rows("pushes", ["time_s", "impulse_ns"], [range(0.0, 1e6, "s"), IMPULSE]);
+    let mut pushes: Vec<Push> = rows.into_iter().map(|[time_s, impulse_ns]| Push { time_s, impulse_ns }).collect();
+    pushes.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    pushes
+}
+
+fn model_error(r: &Reader<'_>) -> ModelError {
+    let share = range(0.0, 0.9, "1");
+    ModelError { inertia: r.number("inertia", share), friction: r.number("friction", share) }
+}
+
+fn random_pushes(r: &Reader<'_>) -> RandomPushes {
+    RandomPushes {
+        from_s: r.number("from_s", range(0.0, 1e6, "s")),
+        interval_s: r.number("interval_s", range(0.1, 1e6, "s")),
+        impulse_ns: r.number("impulse_ns", IMPULSE),
     }
 }
 

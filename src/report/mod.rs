@@ -2,6 +2,7 @@
 //!
 //! RT: no.
 
+pub mod experiment;
 pub mod findings;
 pub mod identified;
 pub mod motion;

@@ -84,6 +84,7 @@ impl GroundWorld {
             ground_force_n,
             stance: if m.stance() == 0 { Leg::Inner } else { Leg::Outer },
             airborne: m.contact() == Contact::Flight,
+            slides: matches!(m.contact(), Contact::Sliding(_)),
             ..self.shown
         };
     }
@@ -91,7 +92,13 @@ impl GroundWorld {
     /// It hits the floor and stays there.
     fn fall(&mut self) {
         self.fallen = true;
-        self.shown = Reading { leg_rate_rad_s: [0.0; 2], imu_accel_m_s2: [0.0; 2], airborne: false, ..self.shown };
+        self.shown = Reading {
+            leg_rate_rad_s: [0.0; 2],
+            imu_accel_m_s2: [0.0; 2],
+            airborne: false,
+            slides: false,
+            ..self.shown
+        };
     }
 
     /// Component of a vector along and normal to the ground along a leg, from toe to hip.
@@ -215,6 +222,12 @@ impl World for GroundWorld {
 
     fn let_go(&mut self) {
         self.held = false;
+    }
+
+    fn push(&mut self, impulse_ns: f64) {
+        if !self.held && !self.fallen {
+            self.machine.push_hip(impulse_ns);
+        }
     }
 
     fn reading(&self) -> Reading {

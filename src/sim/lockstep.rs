@@ -66,6 +66,12 @@ impl Lockstep {
         &mut self.plant
     }
 
+    /// What the last tick said, and the robot as it is.
+    #[must_use]
+    pub const fn seen(&self) -> (&TickRecord, &Plant) {
+        (&self.record, &self.plant)
+    }
+
     /// Hash of what the rooms have said so far.
     #[must_use]
     pub const fn digest(&self) -> u64 {

@@ -8,10 +8,13 @@ pub mod imu;
 pub mod lockstep;
 pub mod noise;
 mod objects;
+pub mod outcome;
 pub mod plant;
+pub mod pushes;
 pub mod scenario;
 pub mod served;
 mod toes;
+mod torque_delay;
 pub mod wire;
 pub mod world;
 
@@ -39,6 +42,8 @@ pub struct Reading {
     pub stance: Leg,
     /// Neither foot touches the ground.
     pub airborne: bool,
+    /// The stance foot slides.
+    pub slides: bool,
 }
 
 /// The bodies of the robot and the ground, as the drives and the IMU meet them.
@@ -53,6 +58,9 @@ pub trait World: Send {
 
     /// The hand that holds the legs lets go.
     fn let_go(&mut self);
+
+    /// A horizontal impulse at the hip, N s, + forwards; a hand that holds the legs takes it up.
+    fn push(&mut self, impulse_ns: f64);
 
     /// What the instruments see now.
     fn reading(&self) -> Reading;

@@ -6,6 +6,7 @@
 use super::drive::{Electrics, SimDrive};
 use super::imu::SimImu;
 use super::noise::Noise;
+use super::pushes::Pushes;
 use super::wire::{Delivered, Wire};
 use super::{Reading, World};
 use crate::base::time::{Span, Stamp};
@@ -43,6 +44,7 @@ pub struct Plant {
     next_drive_tick: Stamp,
     release_after: Span,
     hip_powered_since: Option<Stamp>,
+    pushes: Pushes,
     imu: SimImu,
     pot_noise: Noise,
     echo: bool,
@@ -93,7 +95,7 @@ fn electrics(config: &DriveConfig, index: usize, units: &Units, simulation: &Sim
     } else {
         f64::from(config.max_torque_permille)
     };
-    Electrics { lag_s: simulation.actuator_lag_s, limit_permille }
+    Electrics { lag_s: simulation.actuator_lag_s, delay: simulation.actuator_delay, limit_permille }
 }
 
 impl Plant {
@@ -121,6 +123,7 @@ impl Plant {
             next_drive_tick: Stamp::default(),
             release_after: config.simulation.release_after,
             hip_powered_since: None,
+            pushes: Pushes::new(&config.simulation),
             imu: SimImu::new(&robot.imu, &config.simulation.imu, config.simulation.seed),
             pot_noise: Noise::new(config.simulation.seed ^ POT_STREAM),
             echo: true,
@@ -169,6 +172,12 @@ impl Plant {
     /// The world itself, for disturbances.
     pub fn world_mut(&mut self) -> &mut dyn World {
         &mut *self.world
+    }
+
+    /// What has pushed the robot so far.
+    #[must_use]
+    pub const fn pushes(&self) -> &Pushes {
+        &self.pushes
     }
 
     /// A drive, to look at or to break.
@@ -247,6 +256,11 @@ impl Plant {
                     self.imu.measure(at, &self.reading);
                 }
                 Event::DriveTick => self.tick_drives(at),
+                Event::Torque => {
+                    self.move_world_to(at);
+                    self.drives[Drive::Hip as usize].take_torque(at);
+                }
+                Event::Push => self.push(at),
             }
         }
         self.now = self.now.max(t);
@@ -263,7 +277,21 @@ impl Plant {
         if let Some(at) = self.imu.next_measurement().filter(|at| *at < next.0) {
             next = (at, Event::Measure);
         }
+        if let Some(at) = self.drives[Drive::Hip as usize].next_torque().filter(|at| *at < next.0) {
+            next = (at, Event::Torque);
+        }
+        if let Some(at) = self.pushes.next_time().filter(|at| *at < next.0) {
+            next = (at, Event::Push);
+        }
         Some(next)
+    }
+
+    fn push(&mut self, at: Stamp) {
+        self.move_world_to(at);
+        if let Some(impulse_ns) = self.pushes.take() {
+            self.world.push(impulse_ns);
+            self.reading = self.world.reading();
+        }
     }
 
     fn finish_frame(&mut self, bus: usize, at: Stamp) {
@@ -279,6 +307,7 @@ impl Plant {
                     self.show_position(index, at);
                 }
                 self.drives[index].hear(at, &delivered.frame, &mut self.answers);
+                self.drives[index].note_command(at);
                 self.put_answers(index, at);
             }
         }
@@ -301,6 +330,7 @@ impl Plant {
         for index in 0..DRIVES {
             self.show_position(index, at);
             self.drives[index].tick(at, &mut self.answers);
+            self.drives[index].note_command(at);
             self.put_answers(index, at);
         }
         self.release(at);
@@ -385,6 +415,10 @@ enum Event {
     Measure,
     /// The drives look after their timers.
     DriveTick,
+    /// A delayed torque command takes effect.
+    Torque,
+    /// Somebody pushes the robot.
+    Push,
 }
 
 #[cfg(test)]

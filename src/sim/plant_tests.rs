@@ -23,6 +23,9 @@ impl World for Flywheel {
         }
     }
     fn let_go(&mut self) {}
+    fn push(&mut self, impulse_ns: f64) {
+        self.rate += impulse_ns;
+    }
     fn reading(&self) -> Reading {
         self.reading
     }
@@ -41,7 +44,12 @@ struct Walk {
 }
 
 fn walk() -> Walk {
-    let mut config = config::load(None, &[]).unwrap().config;
+    walk_with(&[])
+}
+
+fn walk_with(keys: &[&str]) -> Walk {
+    let keys: Vec<String> = keys.iter().map(|k| (*k).to_owned()).collect();
+    let mut config = config::load(None, &keys).unwrap().config;
     config.simulation.actuator_lag_s = 0.0005;
     let reading = Reading { toe_position_m: config.simulation.initial_toe_m, ..Reading::default() };
     let plant = Plant::with_world(&config, Box::new(Flywheel { reading, rate: 0.0 }));
@@ -97,7 +105,11 @@ impl Walk {
 
     /// Set up and enabled, nothing commanded.
     fn enabled() -> Self {
-        let mut w = walk();
+        Self::enabled_with(&[])
+    }
+
+    fn enabled_with(keys: &[&str]) -> Self {
+        let mut w = walk_with(keys);
         w.command(DriveGoal::Disabled, 0);
         w.until(2000, |w| w.all(DriveState::SwitchOnDisabled));
         w.command(DriveGoal::Enabled, 0);
@@ -429,4 +441,41 @@ fn the_same_commands_give_the_same_bits() {
         (w.feedbacks, w.received)
     };
     assert_eq!(run(), run());
+}
+
+#[test]
+fn a_delayed_torque_moves_the_hip_by_so_much_later() {
+    // Rate of the flywheel (2 kg m²) under the same command, with and without delay: τ delay / J apart, exactly.
+    let mut rates = [0.0; 2];
+    for (rate, delay) in rates.iter_mut().zip(["0.0", "0.0053"]) {
+        let mut w = Walk::enabled_with(&[&format!("sim.actuator_delay_s={delay}")]);
+        let start = w.plant.reading().hip_encoder_rad;
+        w.command(DriveGoal::Enabled, 500);
+        let mut before = start;
+        for _ in 0..40 {
+            before = w.plant.reading().hip_encoder_rad;
+            w.tick();
+        }
+        *rate = (w.plant.reading().hip_encoder_rad - before) / 1e-3;
+    }
+    let torque_nm = 0.5 * {
+        let w = walk();
+        let hip = &w.config.robot.drives[0];
+        hip.rated_torque_nm * w.config.robot.hip.gear_ratio * w.config.robot.hip.gear_efficiency
+    };
+    let expected = torque_nm / 2.0 * 0.0053;
+    // 5 us of grain at the start of each torque.
+    let slack = torque_nm / 2.0 * 1e-5;
+    assert!((rates[0] - rates[1] - expected).abs() < slack, "{rates:?}, {expected}");
+}
+
+#[test]
+fn pushes_come_at_their_time() {
+    let mut w = walk_with(&["sim.pushes=[{time_s=0.0105, impulse_ns=3.0}]"]);
+    for _ in 0..20 {
+        w.tick();
+    }
+    assert_eq!((w.plant.pushes().given(), w.plant.pushes().last()), (1, Some((Stamp(10_500_000), 3.0))));
+    // 3 rad/s since then.
+    assert!((w.plant.reading().hip_encoder_rad - 3.0 * 0.0095).abs() < 3.0 * 1e-5);
 }

@@ -217,6 +217,23 @@ impl World for BlocksWorld {
         self.held = false;
     }
 
+    /// The hip moves with -l cos θs per rate of the stance leg; legs alone take the blow, a sprung rotor stays behind.
+    fn push(&mut self, impulse_ns: f64) {
+        if self.held {
+            return;
+        }
+        let lever_m = -self.params.leg_length_m * libm::cos(self.x[0]);
+        let blow = lever_m * impulse_ns / self.params.inertia_kg_m2();
+        let [[h11, h12], [_, h22]] = dynamics::mass_matrix(self.legs(), [self.x[0], self.x[1]]);
+        let det = h11 * h22 - h12 * h12;
+        self.x[3] += h22 * blow / det;
+        self.x[4] -= h12 * blow / det;
+        if self.spring.is_none() {
+            self.x[5] = self.x[3] - self.x[4];
+        }
+        self.stuck = false;
+    }
+
     fn reading(&self) -> Reading {
         let tau = self.sign() * self.torque_nm / self.params.inertia_kg_m2();
         let ([ts, tw, _, vs, vw, _], l) = (self.x, self.params.leg_length_m);
@@ -233,6 +250,7 @@ impl World for BlocksWorld {
             ground_force_n: force.map(|f| f * self.params.mass_moment_kg_m()),
             stance: self.stance,
             airborne: false,
+            slides: false,
         }
     }
 }

@@ -5,7 +5,7 @@ use super::motion::FlowOf;
 use super::{Machine, Play};
 use crate::base::scalar::Scalar;
 use crate::model::effect::friction::Grip;
-use crate::model::mechanism::MAX;
+use crate::model::mechanism::{Body, MAX};
 
 /// A rate below this, rad/s, is rest after an impulse.
 const AT_REST: f64 = 1e-12;
@@ -16,9 +16,30 @@ impl<S: Scalar> Machine<S> {
         self.pushes[index].done = true;
         let mut row = [S::zero(); MAX];
         self.pushes[index].row.push(S::one(), &mut row);
+        self.kick_along(&row, self.pushes[index].impulse);
+    }
+
+    /// A horizontal impulse at the hip, N s, + forwards. Nothing without legs.
+    ///
+    /// A foot that stands is held whatever impulse that takes: a real push lasts some 50 ms, in which the friction of a
+    /// standing robot takes up several N s.
+    pub fn push_hip(&mut self, impulse_ns: S) {
+        let Body::Legs(legs) = &self.plant.body else { return };
+        let (s, mut row) = (legs.stance(), [S::zero(); MAX]);
+        // Hip = toe + l (-sin θs, cos θs); the toe's coordinates lie along and normal to the ground.
+        row[s] = -(legs.length() * self.y.q[s].cos());
+        if self.plant.walks {
+            let (sin, cos) = legs.slope().sin_cos();
+            (row[2], row[3]) = (cos, sin);
+        }
+        self.kick_along(&row, impulse_ns);
+        self.flow_of = FlowOf::Nothing;
+        self.settle_modes();
+    }
+
+    fn kick_along(&mut self, row: &[S; MAX], impulse: S) {
         self.flow_at_start();
-        let response = self.response(&row);
-        let impulse = self.pushes[index].impulse;
+        let response = self.response(row);
         for k in 0..self.plant.n {
             self.y.v[k] += response[k] * impulse;
         }

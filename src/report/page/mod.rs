@@ -6,9 +6,11 @@
 //! - [`signals`]: measured against simulated, residuals, laws
 //! - [`numbers`]: tables and the ranking
 //! - [`identified`]: the page of an identification
+//! - [`experiment`]: the page of an experiment of many runs
 //!
 //! RT: no.
 
+mod experiment;
 mod identified;
 mod numbers;
 mod signals;
@@ -17,6 +19,7 @@ use super::findings::{Findings, Verdict};
 use super::plot::STYLE;
 use super::table::escape;
 
+pub use experiment::experiment;
 pub use identified::identification;
 
 /// Sizes and spaces; colours come with the plots.

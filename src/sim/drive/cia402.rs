@@ -15,6 +15,7 @@ use crate::bus::sdo::SdoValue;
 use crate::config::checked::{Cia402, DriveConfig, DriveProtocol};
 use crate::msg::CanFrame;
 use crate::sim::objects::{Objects, PdoSetup, Plate};
+use crate::sim::torque_delay::TorqueDelay;
 
 /// From reset to boot-up.
 const BOOT_TIME: Span = Span::from_ms(40);
@@ -45,6 +46,7 @@ pub struct Cia402Drive {
     count_zero: i32,
     analog_counts: i16,
     torque_permille: f64,
+    delay: TorqueDelay,
     heartbeat_due: Stamp,
     master_heard: Option<Stamp>,
     command_heard: Option<Stamp>,
@@ -78,6 +80,7 @@ impl Cia402Drive {
             count_zero: 0,
             analog_counts: 0,
             torque_permille: 0.0,
+            delay: TorqueDelay::new(electrics.delay),
             heartbeat_due: Stamp::default(),
             master_heard: None,
             command_heard: None,
@@ -128,9 +131,25 @@ impl Cia402Drive {
 
     /// Lets the current loop run for `dt` and gives the mean torque of that time, 1/1000 of rated.
     pub fn run_current_loop(&mut self, dt: Span) -> f64 {
-        let target = self.torque_target();
+        let target = self.delay.present(self.torque_target());
         let target = self.ramped(target, dt);
         self.electrics.run(&mut self.torque_permille, target, dt)
+    }
+
+    /// To be called after whatever may have changed its command.
+    pub(super) fn note_command(&mut self, now: Stamp) {
+        let target = (self.state == State::Enabled).then(|| self.torque_target());
+        self.delay.note(now, target);
+    }
+
+    /// When a delayed command takes effect, if one is on its way.
+    pub(super) fn next_torque(&self) -> Option<Stamp> {
+        self.delay.next()
+    }
+
+    /// The delayed commands due by now take effect.
+    pub(super) fn take_torque(&mut self, now: Stamp) {
+        self.delay.arrive(now);
     }
 
     /// Where the shaft is, counts from the world's origin; the encoder's part of it is taken over by the next SYNC.

@@ -47,6 +47,8 @@ pub struct Defects {
 pub(super) struct Electrics {
     /// First-order lag of the current loop, s; 0 = none.
     pub(super) lag_s: f64,
+    /// The current loop takes a new target so late.
+    pub(super) delay: Span,
     /// What the current limit allows.
     pub(super) limit_permille: f64,
 }
@@ -129,6 +131,27 @@ impl SimDrive {
         match self {
             Self::Cia402(drive) => drive.run_current_loop(dt),
             Self::Direct(drive) => drive.run_current_loop(dt),
+        }
+    }
+
+    /// To be called after whatever may have changed its command.
+    pub(super) fn note_command(&mut self, now: Stamp) {
+        match self {
+            Self::Cia402(drive) => drive.note_command(now),
+        }
+    }
+
+    /// When a delayed command takes effect, if one is on its way.
+    pub(super) fn next_torque(&self) -> Option<Stamp> {
+        match self {
+            Self::Cia402(drive) => drive.next_torque(),
+        }
+    }
+
+    /// The delayed commands due by now take effect.
+    pub(super) fn take_torque(&mut self, now: Stamp) {
+        match self {
+            Self::Cia402(drive) => drive.take_torque(now),
         }
     }
 
