@@ -114,7 +114,7 @@ const fn stuffed_part_bits(len: u8, extended: bool) -> u32 {
 }
 
 /// Counts bits with stuffing while the CRC runs along.
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 struct StuffCounter {
     bits: u32,
     run: u32,
@@ -123,15 +123,32 @@ struct StuffCounter {
 }
 
 impl StuffCounter {
-    /// The low `count` bits of `value`, highest first.
+    /// The low `count` bits of `value`, highest first: whole bytes by the tables, the rest one by one.
     fn push(&mut self, value: u32, count: u32) {
-        for k in (0..count).rev() {
+        let mut left = count;
+        while left >= 8 && self.run > 0 {
+            left -= 8;
+            self.byte(((value >> left) & 0xFF) as usize);
+        }
+        for k in (0..left).rev() {
             self.bit((value >> k) & 1);
         }
     }
 
-    fn bit(&mut self, bit: u32) {
-        let feedback = (u32::from(self.crc >> 14) ^ bit) & 1;
+    #[expect(clippy::indexing_slicing, reason = "masked to 8 bits; a run is 1 to 4 long")]
+    fn byte(&mut self, byte: usize) {
+        self.crc = ((self.crc << 8) & 0x7FFF) ^ CRC_OF_BYTE[(usize::from(self.crc >> 7) ^ byte) & 0xFF];
+        let after = STUFF_OF_BYTE[runs_index(self.run, self.last)][byte];
+        self.bits += 8 + u32::from(after >> 4);
+        (self.run, self.last) = (u32::from(after & 3) + 1, u32::from(after >> 2 & 1));
+    }
+
+    const fn bit(&mut self, bit: u32) {
+        *self = self.after(bit);
+    }
+
+    const fn after(mut self, bit: u32) -> Self {
+        let feedback = ((self.crc >> 14) as u32 ^ bit) & 1;
         self.crc = (self.crc << 1) & 0x7FFF;
         if feedback == 1 {
             self.crc ^= CRC_POLYNOMIAL;
@@ -149,7 +166,53 @@ impl StuffCounter {
             self.run = 1;
             self.last = bit ^ 1;
         }
+        self
     }
+}
+
+/// What eight bits do to the CRC.
+#[expect(clippy::indexing_slicing, reason = "at compile time")]
+const CRC_OF_BYTE: [u16; 256] = {
+    let mut table = [0; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        let mut counter = StuffCounter { bits: 0, run: 0, last: 0, crc: (byte as u16) << 7 };
+        let mut k = 0;
+        while k < 8 {
+            counter = counter.after(0);
+            k += 1;
+        }
+        table[byte] = counter.crc;
+        byte += 1;
+    }
+    table
+};
+
+/// What eight bits do to a run of equal bits: stuffed bits << 4 | last bit << 2 | length of the run - 1.
+#[expect(clippy::indexing_slicing, reason = "at compile time")]
+const STUFF_OF_BYTE: [[u8; 256]; 8] = {
+    let mut table = [[0; 256]; 8];
+    let mut state = 0;
+    while state < 8 {
+        let mut byte = 0;
+        while byte < 256 {
+            let mut counter = StuffCounter { bits: 0, run: state as u32 % 4 + 1, last: state as u32 / 4, crc: 0 };
+            let mut k = 8;
+            while k > 0 {
+                k -= 1;
+                counter = counter.after((byte as u32 >> k) & 1);
+            }
+            table[state][byte] = ((counter.bits - 8) << 4 | counter.last << 2 | (counter.run - 1)) as u8;
+            byte += 1;
+        }
+        state += 1;
+    }
+    table
+};
+
+/// Row of [`STUFF_OF_BYTE`]: a run is 1 to 4 long, the fifth bit ends it.
+const fn runs_index(run: u32, last: u32) -> usize {
+    (last * 4 + run - 1) as usize
 }
 
 #[cfg(test)]
@@ -208,5 +271,20 @@ mod tests {
         // SYNC-like frame id 0, no data: 19 dominant bits head + CRC 0 (15 bits) = 34 equal bits.
         // First stuff after 5, then the stuff bit (1) breaks the run, so one per 5: 34 / 5 = 6.
         assert_eq!(exact_bits(&CanFrame::new(0, &[])), 47 + 6);
+    }
+
+    proptest! {
+        #[test]
+        fn bytes_by_the_tables_are_bits_one_by_one(head in 0_u32..0x8_0000, bytes in proptest::collection::vec(any::<u8>(), 0..9)) {
+            let (mut by_bytes, mut by_bits) = (StuffCounter::default(), StuffCounter::default());
+            by_bytes.bit(0);
+            by_bytes.push(head, 19);
+            bytes.iter().for_each(|b| by_bytes.push(u32::from(*b), 8));
+            by_bits.bit(0);
+            (0..19).rev().for_each(|k| by_bits.bit(head >> k & 1));
+            bytes.iter().for_each(|b| (0..8).rev().for_each(|k| by_bits.bit(u32::from(*b) >> k & 1)));
+            prop_assert_eq!((by_bytes.bits, by_bytes.crc), (by_bits.bits, by_bits.crc));
+            prop_assert_eq!((by_bytes.run, by_bytes.last), (by_bits.run, by_bits.last));
+        }
     }
 }

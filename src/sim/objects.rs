@@ -3,7 +3,6 @@
 use crate::bus::canopen::{Node, Object};
 use crate::bus::pdo::{Entry, mapped_bytes};
 use crate::bus::sdo::{AbortCode, Address, SdoReply, SdoRequest, SdoValue};
-use std::collections::BTreeMap;
 
 /// What may be done with an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,10 +14,15 @@ enum Access {
     Configure,
 }
 
-/// Objects by address.
+/// Slots of the table that finds an object: four times the objects, so that few collide.
+const SLOTS: usize = 512;
+
+/// Objects by address: looked up some hundred times per millisecond, so by a hash and not by search.
 #[derive(Clone, Debug)]
 pub(super) struct Objects {
-    entries: BTreeMap<Address, (SdoValue, Access)>,
+    entries: Vec<(Address, SdoValue, Access)>,
+    /// Place in `entries` + 1, at the address' hash or the next free slot; 0 = free.
+    slots: Box<[u8; SLOTS]>,
     supported_modes: u32,
 }
 
@@ -43,10 +47,16 @@ pub(super) struct Plate {
     pub(super) supported_modes: u32,
 }
 
+/// Where to look first.
+const fn hash(index: u16, sub: u8) -> usize {
+    (index as usize ^ (index as usize >> 7) ^ (sub as usize * 37)) % SLOTS
+}
+
 impl Objects {
     /// As the drive leaves the factory: PDO 1 to 4 on, some default mapping, no heartbeat, no limits.
     pub(super) fn new(plate: Plate) -> Self {
-        let mut objects = Self { entries: BTreeMap::new(), supported_modes: plate.supported_modes };
+        let mut objects =
+            Self { entries: Vec::new(), slots: Box::new([0; SLOTS]), supported_modes: plate.supported_modes };
         objects.put_communication();
         objects.put_pdos(plate.node);
         objects.put_drive(plate);
@@ -54,7 +64,25 @@ impl Objects {
     }
 
     fn put(&mut self, index: u16, sub: u8, value: SdoValue, access: Access) {
-        self.entries.insert(Address::new(index, sub), (value, access));
+        self.entries.push((Address::new(index, sub), value, access));
+        let mut slot = hash(index, sub);
+        while self.slots[slot] != 0 {
+            slot = (slot + 1) % SLOTS;
+        }
+        self.slots[slot] = u8::try_from(self.entries.len()).unwrap_or(u8::MAX);
+    }
+
+    /// Place of an object.
+    #[inline]
+    fn find(&self, at: Address) -> Option<usize> {
+        let mut slot = hash(at.index, at.sub);
+        loop {
+            let place = usize::from(self.slots[slot].checked_sub(1)?);
+            if self.entries[place].0 == at {
+                return Some(place);
+            }
+            slot = (slot + 1) % SLOTS;
+        }
     }
 
     fn put_communication(&mut self) {
@@ -107,21 +135,21 @@ impl Objects {
 
     /// Raw value; 0 for an object that is not there.
     pub(super) fn raw(&self, index: u16, sub: u8) -> u32 {
-        self.entries.get(&Address::new(index, sub)).map_or(0, |(value, _)| value.raw())
+        self.find(Address::new(index, sub)).map_or(0, |place| self.entries[place].1.raw())
     }
 
     /// The drive's own hand: writes whatever the access.
     pub(super) fn set(&mut self, index: u16, sub: u8, value: SdoValue) {
-        if let Some((slot, _)) = self.entries.get_mut(&Address::new(index, sub)) {
-            *slot = value;
+        if let Some(place) = self.find(Address::new(index, sub)) {
+            self.entries[place].1 = value;
         }
     }
 
     /// The server's answer to a request. `flowing`: process data flow, so that they cannot be configured.
     pub(super) fn serve(&mut self, request: &SdoRequest, flowing: bool) -> Option<SdoReply> {
         match *request {
-            SdoRequest::Read(at) => Some(match self.entries.get(&at) {
-                Some((value, _)) => SdoReply::Value(at, *value),
+            SdoRequest::Read(at) => Some(match self.find(at) {
+                Some(place) => SdoReply::Value(at, self.entries[place].1),
                 None => SdoReply::Abort(at, self.missing(at)),
             }),
             SdoRequest::Write(at, value) => Some(match self.write(at, value, flowing) {
@@ -133,12 +161,13 @@ impl Objects {
     }
 
     fn missing(&self, at: Address) -> AbortCode {
-        let known = self.entries.keys().any(|k| k.index == at.index);
+        let known = self.entries.iter().any(|(k, ..)| k.index == at.index);
         if known { AbortCode::NO_SUCH_SUB } else { AbortCode::NO_SUCH_OBJECT }
     }
 
     fn write(&mut self, at: Address, value: SdoValue, flowing: bool) -> Result<(), AbortCode> {
-        let (old, access) = *self.entries.get(&at).ok_or_else(|| self.missing(at))?;
+        let place = self.find(at).ok_or_else(|| self.missing(at))?;
+        let (_, old, access) = self.entries[place];
         match access {
             Access::Read => return Err(AbortCode::READ_ONLY),
             Access::Configure if flowing => return Err(AbortCode::WRONG_STATE),
@@ -148,7 +177,7 @@ impl Objects {
             return Err(AbortCode::WRONG_LENGTH);
         }
         self.check(at, value)?;
-        self.entries.insert(at, (value, access));
+        self.entries[place].1 = value;
         if at == Address::new(0x6060, 0) {
             self.set(0x6061, 0, value);
         }
@@ -170,8 +199,8 @@ impl Objects {
             }
             _ if mapping => {
                 let entry = Entry::from_raw(value.raw());
-                let target = self.entries.get(&Address::new(entry.index, entry.sub));
-                let fits = target.is_some_and(|(v, _)| v.len() * 8 == entry.bits);
+                let target = self.find(Address::new(entry.index, entry.sub));
+                let fits = target.is_some_and(|place| self.entries[place].1.len() * 8 == entry.bits);
                 if fits { Ok(()) } else { Err(AbortCode::NOT_MAPPABLE) }
             }
             _ => Ok(()),

@@ -30,6 +30,8 @@ pub struct Wire {
     rates: BitRates,
     timed: bool,
     queues: Vec<VecDeque<(Stamp, CanFrame)>>,
+    /// Frames in all queues.
+    waiting: usize,
     /// The frame on the wire.
     current: Option<Delivered>,
     free_since: Stamp,
@@ -46,6 +48,7 @@ impl Wire {
             rates,
             timed,
             queues: vec![VecDeque::new(); senders],
+            waiting: 0,
             current: None,
             free_since: Stamp::default(),
             silent: false,
@@ -59,6 +62,7 @@ impl Wire {
         match self.queues.get_mut(sender) {
             Some(queue) if queue.len() < QUEUE => {
                 queue.push_back((now, frame));
+                self.waiting += 1;
                 true
             }
             _ => {
@@ -91,6 +95,7 @@ impl Wire {
             // Repeated from the start when somebody listens again.
             if let Some(queue) = self.queues.get_mut(broken.sender) {
                 queue.push_front((now, broken.frame));
+                self.waiting += 1;
             }
         }
     }
@@ -98,6 +103,7 @@ impl Wire {
     /// A sender forgets what it has queued (link down and up, or a device that restarts).
     pub fn flush(&mut self, sender: usize) {
         if let Some(queue) = self.queues.get_mut(sender) {
+            self.waiting -= queue.len();
             queue.clear();
         }
     }
@@ -116,7 +122,7 @@ impl Wire {
 
     /// Puts the winner of the arbitration on a free wire.
     fn start(&mut self) {
-        if self.silent || self.current.is_some() {
+        if self.silent || self.waiting == 0 || self.current.is_some() {
             return;
         }
         let Some(earliest) = self.queues.iter().filter_map(|q| q.front()).map(|(at, _)| *at).min() else { return };
@@ -127,6 +133,7 @@ impl Wire {
             return;
         };
         if let Some((_, frame)) = self.queues[sender].pop_front() {
+            self.waiting -= 1;
             let took = Span(if self.timed { exact_time_ns(&frame, self.rates) } else { 1 });
             self.busy = Span(self.busy.0 + took.0);
             self.current = Some(Delivered { at: start + took, sender, frame });

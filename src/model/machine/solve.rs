@@ -30,8 +30,23 @@ impl<S: Scalar> Factor<S> {
             *slot = row;
             self.len += 1;
         }
-        for j in 0..self.len {
-            let mut d = m[self.rows[j]][self.rows[j]];
+        match self.len {
+            1 => self.factor_rows::<1>(m, 1),
+            2 => self.factor_rows::<2>(m, 2),
+            3 => self.factor_rows::<3>(m, 3),
+            4 => self.factor_rows::<4>(m, 4),
+            5 => self.factor_rows::<5>(m, 5),
+            len => self.factor_rows::<MAX>(m, len),
+        }
+    }
+
+    /// `len` is `N`, known to the compiler, or less: the same operations in the same order.
+    #[inline]
+    fn factor_rows<const N: usize>(&mut self, m: &[[S; MAX]; MAX], len: usize) {
+        let len = len.min(N);
+        for j in 0..len {
+            let row = self.rows[j];
+            let mut d = m[row][row];
             for k in 0..j {
                 // l holds L·D here until the row is finished.
                 let lkd = self.l[j][k];
@@ -40,8 +55,8 @@ impl<S: Scalar> Factor<S> {
                 self.l[j][k] = lk;
             }
             self.inverse[j] = S::one() / d;
-            for i in j + 1..self.len {
-                let mut x = m[self.rows[i]][self.rows[j]];
+            for i in j + 1..len {
+                let mut x = m[self.rows[i]][row];
                 for k in 0..j {
                     x -= self.l[i][k] * self.l[j][k];
                 }
@@ -53,21 +68,41 @@ impl<S: Scalar> Factor<S> {
     /// Solves in place; the other rows of `x` stay as they are.
     #[inline]
     pub(super) fn solve(&self, x: &mut [S; MAX]) {
-        let (rows, n) = (&self.rows, self.len);
-        for i in 1..n {
+        match self.len {
+            1 => self.solve_rows::<1>(x, 1),
+            2 => self.solve_rows::<2>(x, 2),
+            3 => self.solve_rows::<3>(x, 3),
+            4 => self.solve_rows::<4>(x, 4),
+            5 => self.solve_rows::<5>(x, 5),
+            len => self.solve_rows::<MAX>(x, len),
+        }
+    }
+
+    /// Of the rows that were factored, gathered once: looked up in every product they cost more than the products.
+    #[inline]
+    fn solve_rows<const N: usize>(&self, x: &mut [S; MAX], len: usize) {
+        let len = len.min(N);
+        let mut y = [S::zero(); N];
+        for i in 0..len {
+            y[i] = x[self.rows[i]];
+        }
+        for i in 1..len {
             for k in 0..i {
-                let below = self.l[i][k] * x[rows[k]];
-                x[rows[i]] -= below;
+                let below = self.l[i][k] * y[k];
+                y[i] -= below;
             }
         }
-        for i in 0..n {
-            x[rows[i]] *= self.inverse[i];
+        for i in 0..len {
+            y[i] *= self.inverse[i];
         }
-        for i in (0..n).rev() {
-            for k in i + 1..n {
-                let above = self.l[k][i] * x[rows[k]];
-                x[rows[i]] -= above;
+        for i in (0..len).rev() {
+            for k in i + 1..len {
+                let above = self.l[k][i] * y[k];
+                y[i] -= above;
             }
+        }
+        for i in 0..len {
+            x[self.rows[i]] = y[i];
         }
     }
 }
@@ -86,8 +121,10 @@ pub(super) fn solve_small<S: Scalar>(
                 pivot = i;
             }
         }
-        a.swap(k, pivot);
-        b.swap(k, pivot);
+        if pivot != k {
+            a.swap(k, pivot);
+            b.swap(k, pivot);
+        }
         for i in k + 1..n {
             let factor = a[i][k] / a[k][k];
             for j in k..n {

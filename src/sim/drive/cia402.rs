@@ -304,7 +304,8 @@ impl Cia402Drive {
     /// Writes the mapped objects; a controlword moves the power state.
     fn apply(&mut self, pdo: &PdoData, out: &mut Vec<CanFrame>) {
         let mut at = 0;
-        for entry in self.rpdo.entries.clone() {
+        let entries = std::mem::take(&mut self.rpdo.entries);
+        for entry in &entries {
             let end = at + usize::from(entry.bits / 8);
             let raw = u32::from_le_bytes(padded(&pdo.data[at..end]));
             at = end;
@@ -315,6 +316,7 @@ impl Cia402Drive {
             };
             self.objects.set(entry.index, entry.sub, value);
         }
+        self.rpdo.entries = entries;
         let word = (self.objects.raw(0x6040, 0) & 0xFFFF) as u16;
         let before = self.state;
         self.state = before.after(word, self.controlword);
@@ -342,17 +344,19 @@ impl Cia402Drive {
     fn answer(&mut self, out: &mut Vec<CanFrame>) {
         let Some(id) = self.tpdo.id else { return };
         self.refresh();
-        let mut data = Vec::with_capacity(8);
+        let (mut data, mut len) = ([0; 8], 0);
         for entry in &self.tpdo.entries {
+            let bytes = usize::from(entry.bits / 8);
             let raw = self.objects.raw(entry.index, entry.sub).to_le_bytes();
-            data.extend_from_slice(&raw[..usize::from(entry.bits / 8)]);
+            data[len..len + bytes].copy_from_slice(&raw[..bytes]);
+            len += bytes;
         }
         if self.defects.no_answer {
             return;
         }
-        out.push(CanFrame::new(id, &data));
+        out.push(CanFrame::new(id, &data[..len]));
         if self.defects.twice {
-            out.push(CanFrame::new(id, &data));
+            out.push(CanFrame::new(id, &data[..len]));
         }
     }
 

@@ -8,6 +8,7 @@ use crate::base::time::{Span, Stamp};
 use crate::bus::cia402::State;
 use crate::config::checked::{DriveConfig, DriveMode, DriveProtocol};
 use crate::msg::CanFrame;
+use crate::sim::torque_delay::TorqueDelay;
 
 /// From power to the first word.
 const BOOT_TIME: Span = Span::from_ms(40);
@@ -33,6 +34,7 @@ pub(super) struct Motor {
     counts_per_turn: f64,
     pub(super) target: Target,
     torque_permille: f64,
+    delay: TorqueDelay,
     /// Where the shaft is, counts from an origin of the world's, and where the drive began to count.
     shaft_counts: i32,
     count_zero: i32,
@@ -160,6 +162,7 @@ impl DirectDrive {
             counts_per_turn,
             target: Target::Off,
             torque_permille: 0.0,
+            delay: TorqueDelay::new(electrics.delay),
             shaft_counts: 0,
             count_zero: 0,
             before: None,
@@ -202,8 +205,25 @@ impl DirectDrive {
 
     /// Lets the current loop run for `dt` and gives the mean torque of that time, 1/1000 of rated.
     pub fn run_current_loop(&mut self, dt: Span) -> f64 {
-        let target = if self.defects.no_torque { 0.0 } else { self.motor.torque_target_permille() };
+        let target = self.motor.delay.present(self.motor.torque_target_permille());
+        let target = if self.defects.no_torque { 0.0 } else { target };
         self.motor.electrics.run(&mut self.motor.torque_permille, target, dt)
+    }
+
+    /// To be called after whatever may have changed its command.
+    pub(super) fn note_command(&mut self, now: Stamp) {
+        let target = (self.motor.target != Target::Off).then(|| self.motor.torque_target_permille());
+        self.motor.delay.note(now, target);
+    }
+
+    /// When a delayed command takes effect, if one is on its way.
+    pub(super) fn next_torque(&self) -> Option<Stamp> {
+        self.motor.delay.next()
+    }
+
+    /// The delayed commands due by now take effect.
+    pub(super) fn take_torque(&mut self, now: Stamp) {
+        self.motor.delay.arrive(now);
     }
 
     /// The encoder's count.

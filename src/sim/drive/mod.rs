@@ -138,6 +138,7 @@ impl SimDrive {
     pub(super) fn note_command(&mut self, now: Stamp) {
         match self {
             Self::Cia402(drive) => drive.note_command(now),
+            Self::Direct(drive) => drive.note_command(now),
         }
     }
 
@@ -145,6 +146,7 @@ impl SimDrive {
     pub(super) fn next_torque(&self) -> Option<Stamp> {
         match self {
             Self::Cia402(drive) => drive.next_torque(),
+            Self::Direct(drive) => drive.next_torque(),
         }
     }
 
@@ -152,6 +154,7 @@ impl SimDrive {
     pub(super) fn take_torque(&mut self, now: Stamp) {
         match self {
             Self::Cia402(drive) => drive.take_torque(now),
+            Self::Direct(drive) => drive.take_torque(now),
         }
     }
 
