@@ -100,6 +100,14 @@ fn print(s: &Summary, length_s: f64, took: Duration, digest: u64) -> io::Result<
     writeln!(out, "result     {verdict}, mode {}, first fault {}", s.mode.name(), s.first_fault.code.name())?;
     writeln!(out, "simulated  {length_s} s in {took_s:.2} s: {:.0} times real time", length_s / took_s)?;
     writeln!(out, "ticks      {}, armed {}", s.ticks, s.armed_ticks)?;
+    if s.steps > 0 {
+        let speed = s.mean_speed_m_s.map(|v| format!(" at {v:.2} m/s")).unwrap_or_default();
+        let cost = s.cost_of_transport.map(|c| format!(", cost of transport {c:.3}")).unwrap_or_default();
+        writeln!(out, "walked     {} steps, {:.2} m{speed}{cost}", s.steps, s.distance_m)?;
+    }
+    if let Some(cause) = s.fall {
+        writeln!(out, "fell       {}", cause.name().replace('_', " "))?;
+    }
     let [stance, swing] = s.angle_rad.map(|a| a.size().to_degrees());
     writeln!(out, "largest    stance {stance:.2} deg, swing {swing:.2} deg")?;
     let [stance, swing] = s.tail_angle_rad.map(|a| a.width().to_degrees());

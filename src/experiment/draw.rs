@@ -65,41 +65,44 @@ fn overview(results: &Results) -> Option<Chapter> {
         ("", Align::Left),
         ("floor ± mm", right),
         ("runs", right),
-        ("completed", right),
-        ("95 %", right),
+        ("completed (95 %)", right),
         ("steps", right),
-        ("steps per fall", right),
-        ("95 %", right),
+        ("steps per fall (95 %)", right),
         ("m/s", right),
-        ("cost of transport", right),
+        ("cost", right),
         ("peak Nm", right),
     ]);
     for g in &results.groups {
-        let passage = if g.steps == 0 { [String::new(), String::new()] } else { told_passage(g) };
-        let [mean, band] = passage;
         table.push([
             name(g, &[FLOOR]),
-            number(1e3 * g.floor_m),
+            if g.floor_m > 0.0 { number(1e3 * g.floor_m) } else { String::new() },
             g.runs.to_string(),
-            format!("{} %", percent(f64::from(g.completed) / f64::from(g.runs.max(1)))),
-            g.completed_interval.map(percent).join(" to "),
-            g.steps.to_string(),
-            mean,
-            band,
+            share(g.completed, g.runs),
+            if g.steps > 0 { g.steps.to_string() } else { String::new() },
+            if g.steps > 0 { told_passage(g) } else { String::new() },
             optional(g.mean_speed_m_s),
             optional(g.cost_of_transport),
             number(g.peak_torque_nm),
         ]);
     }
-    let note = "Completed: all steps made, or on its feet for the whole time where no steps were asked for.".to_owned();
-    Some(Chapter { heading: "How it went".into(), note, plots: Vec::new(), table })
+    let note =
+        "Completed: all steps made, or on its feet for the whole time where no steps were asked for. Cost: positive \
+                work of hip and toes over weight and distance."
+            .to_owned();
+    Some(Chapter { heading: "How it went".into(), note, plots: Vec::new(), table: table.without_empty_columns() })
 }
 
-fn told_passage(g: &Group) -> [String; 2] {
+fn told_passage(g: &Group) -> String {
     match (g.mean_steps_to_fall, g.steps_to_fall_high) {
-        (Some(mean), Some(high)) => [format!("{mean:.0}"), format!("{:.0} to {high:.0}", g.steps_to_fall_low)],
-        _ => ["no fall".to_owned(), format!("≥ {:.0}", g.steps_to_fall_low)],
+        (Some(mean), Some(high)) => format!("{mean:.0} ({:.0} to {high:.0})", g.steps_to_fall_low),
+        _ => format!("no fall (≥ {:.0})", g.steps_to_fall_low),
     }
+}
+
+/// A share of successes with its interval.
+fn share(successes: u32, of: u32) -> String {
+    let part = percent(f64::from(successes) / f64::from(of.max(1)));
+    format!("{part} % ({})", wilson(successes, of).map(percent).join(" to "))
 }
 
 /// Groups by the name of their curve, sorted along the abscissa.
@@ -181,14 +184,11 @@ fn pushes(results: &Results) -> Option<Chapter> {
         ("impulse N s", right),
         ("Δv m/s", right),
         ("pushes", right),
-        ("survived", right),
-        ("95 %", right),
+        ("survived (95 %)", right),
     ]);
     for g in &pushed {
-        let interval = wilson(g.pushes_survived, g.pushes).map(percent).join(" to ");
-        let survived = format!("{} %", percent(f64::from(g.pushes_survived) / f64::from(g.pushes)));
         let [impulse, delta_v] = [g.impulse_ns, g.delta_v_m_s].map(optional);
-        table.push([name(g, &[IMPULSE]), impulse, delta_v, g.pushes.to_string(), survived, interval]);
+        table.push([name(g, &[IMPULSE]), impulse, delta_v, g.pushes.to_string(), share(g.pushes_survived, g.pushes)]);
     }
     let delta_v = |g: &Group| g.delta_v_m_s.unwrap_or(0.0);
     let plots = if values(&pushed, delta_v).len() < 2 { Vec::new() } else { vec![survival_plot(&pushed)] };
@@ -221,8 +221,9 @@ fn causes(results: &Results) -> Option<Chapter> {
     if kinds.is_empty() {
         return None;
     }
+    let words: Vec<String> = kinds.iter().map(|kind| kind.replace('_', " ")).collect();
     let heading: Vec<(&str, Align)> =
-        std::iter::once(("", Align::Left)).chain(kinds.iter().map(|k| (k.as_str(), Align::Right))).collect();
+        std::iter::once(("", Align::Left)).chain(words.iter().map(|k| (k.as_str(), Align::Right))).collect();
     let mut table = Table::new(&heading);
     for g in results.groups.iter().filter(|g| g.completed < g.runs) {
         let count = |kind: &&String| g.ends.get(*kind).map(ToString::to_string).unwrap_or_default();
@@ -240,10 +241,10 @@ fn trust(results: &Results) -> Option<Chapter> {
         ("missed", right),
         ("invented", right),
         ("wrong leg, ticks", right),
-        ("longest torque on it, ms", right),
-        ("angle off, rad", right),
-        ("rate off, rad/s", right),
-        ("laws, share of ticks", Align::Left),
+        ("torque on it, ms", right),
+        ("off, rad", right),
+        ("off, rad/s", right),
+        ("laws", Align::Left),
     ]);
     for g in &results.groups {
         let runs = || results.runs.iter().filter(|r| r.axes == g.axes);

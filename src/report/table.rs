@@ -36,6 +36,19 @@ impl Table {
         self.rows.is_empty()
     }
 
+    /// Without the columns that say nothing in any row.
+    #[must_use]
+    pub fn without_empty_columns(self) -> Self {
+        let says: Vec<bool> = (0..self.heading.len()).map(|k| self.rows.iter().any(|row| !row[k].is_empty())).collect();
+        let mut rows = self.rows;
+        for row in &mut rows {
+            let mut k = 0..says.len();
+            row.retain(|_| k.next().is_some_and(|k| says[k]));
+        }
+        let heading = self.heading.into_iter().zip(&says).filter(|(_, says)| **says).map(|(column, _)| column);
+        Self { heading: heading.collect(), rows }
+    }
+
     /// Columns padded with blanks, a rule under the heading; no trailing blanks.
     pub fn to_text(&self) -> String {
         let heading: Vec<String> = self.heading.iter().map(|(name, _)| name.clone()).collect();

@@ -3,6 +3,7 @@
 //! Deterministic to the bit: same configuration, same hash of all that the rooms said. RT: no (but the tick inside is
 //! the one of the robot).
 
+use super::outcome::Watch;
 use super::plant::Plant;
 use super::world::{self, WorldError};
 use crate::base::time::{Span, Stamp};
@@ -34,6 +35,7 @@ pub struct Lockstep {
     bytes: Vec<u8>,
     period: Span,
     digest: u64,
+    watch: Watch,
 }
 
 impl Lockstep {
@@ -52,6 +54,7 @@ impl Lockstep {
             bytes: Vec::new(),
             period: config.real_time.period,
             digest: FNV_OFFSET,
+            watch: Watch::new(config),
         })
     }
 
@@ -64,6 +67,12 @@ impl Lockstep {
     /// The robot, to look at or to disturb.
     pub const fn plant(&mut self) -> &mut Plant {
         &mut self.plant
+    }
+
+    /// An observer of this robot that has seen nothing yet.
+    #[must_use]
+    pub fn watch(&self) -> Watch {
+        self.watch.clone()
     }
 
     /// What the last tick said, and the robot as it is.
@@ -80,7 +89,7 @@ impl Lockstep {
 
     /// One period: the robot moves up to the tick's time, the tick runs, its frames go out.
     pub fn step(&mut self) -> &TickRecord {
-        self.plant.advance_to(self.input.now);
+        self.plant.let_happen(self.input.now);
         self.collect();
         self.act()
     }

@@ -2,6 +2,8 @@
 
 use super::Reading;
 use super::lockstep::Lockstep;
+use super::outcome::Watch;
+use super::outcome::fall::Cause;
 use crate::base::time::Span;
 use crate::msg::{Estimate, Fault, Leg, Mode, TickRecord};
 
@@ -63,13 +65,33 @@ pub struct Summary {
     pub attitude_bias_rad: f64,
     /// The robot's stance angle at the end, rad.
     pub stance_angle_rad: f64,
+    /// True changes of stance.
+    pub steps: u32,
+    /// From the first foothold to the last, m.
+    pub distance_m: f64,
+    /// Mean speed between the first step and the last, m/s; none before two steps.
+    pub mean_speed_m_s: Option<f64>,
+    /// Positive work over weight and distance.
+    pub cost_of_transport: Option<f64>,
+    /// Why it fell or lost its power, if it did.
+    pub fall: Option<Cause>,
 }
 
 impl Summary {
-    /// Still armed and upright at the end.
+    /// Still armed and on its feet at the end. A robot that has not made a step is to be upright as well.
     #[must_use]
     pub fn stands(&self) -> bool {
-        self.mode == Mode::Armed && self.stance_angle_rad.abs() < 0.2
+        let upright = self.steps > 0 || self.stance_angle_rad.abs() < 0.2;
+        self.mode == Mode::Armed && self.fall.is_none() && upright
+    }
+
+    fn take_over(&mut self, watch: &Watch) {
+        self.steps = watch.footsteps.steps();
+        self.distance_m = watch.footsteps.distance_m();
+        self.mean_speed_m_s = watch.footsteps.mean_speed_m_s();
+        let stretch_m = watch.footsteps.stretch().map(|(_, m)| m);
+        self.cost_of_transport = stretch_m.and_then(|m| watch.effort.cost_of_transport(m));
+        self.fall = watch.fall();
     }
 
     fn add(&mut self, record: &TickRecord, reading: &Reading, tail: bool) {
@@ -115,12 +137,16 @@ pub fn run(lockstep: &mut Lockstep, length: Span, tail: Span, mut look: impl FnM
     let end = lockstep.now() + length;
     let tail_from = end - tail;
     let mut summary = Summary::default();
+    let mut watch = lockstep.watch();
     while lockstep.now() < end {
         let in_tail = lockstep.now() >= tail_from;
-        let record = *lockstep.step();
-        let reading = lockstep.plant().reading();
-        summary.add(&record, &reading, in_tail);
-        look(&record, &reading);
+        lockstep.step();
+        let (record, plant) = lockstep.seen();
+        let reading = plant.reading();
+        summary.add(record, &reading, in_tail);
+        watch.look(record, plant);
+        look(record, &reading);
     }
+    summary.take_over(&watch);
     summary
 }

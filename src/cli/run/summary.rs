@@ -10,6 +10,9 @@ use std::io::{self, Write};
 pub(super) fn write(out: &mut impl Write, summary: &Summary, closed: &Closed) -> io::Result<()> {
     let last = &summary.observed.last;
     writeln!(out, "ticks       {}, {} periods skipped", last.status.ticks, last.status.overruns)?;
+    if last.estimate.steps > 0 {
+        writeln!(out, "steps       {}, as the estimator saw them", last.estimate.steps)?;
+    }
     write_times(out, "wake-up", &summary.observed.stats.wake.percentiles())?;
     write_times(out, "step", &summary.observed.stats.step.percentiles())?;
     write_faults(out, last.status.faults, &summary.observed.faults)?;
