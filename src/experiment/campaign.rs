@@ -116,17 +116,21 @@ impl Campaign {
         let mut redraws = 0;
         loop {
             let mut set = run.overrides.clone();
-            set.extend(self.plan.drawn(run.seed, redraws));
+            set.extend(run.drawn(redraws));
             set.extend(self.base.overrides.iter().cloned());
-            let choice =
-                Choice { path: self.base.config.as_deref(), model: self.base.model.as_deref(), overrides: &set };
+            let choice = Choice {
+                path: self.base.config.as_deref(),
+                model: self.base.model.as_deref(),
+                overrides: &set,
+                plays_robot: false,
+            };
             match config::load_choice(choice) {
                 Ok(resolved) => {
                     let id = RunId::new(&resolved.hash, &self.plan.stop);
                     let place = Place { index: run.index, axes: run.axes.clone(), seed: run.seed, redraws, set };
                     return Ok(Ready { resolved, place, id });
                 }
-                Err(_) if self.plan.draws() && redraws < MOST_REDRAWS => redraws += 1,
+                Err(_) if run.draws() && redraws < MOST_REDRAWS => redraws += 1,
                 Err(errors) => {
                     let name = run.axes.iter().map(|(key, label)| format!("{key}={label}")).collect::<Vec<_>>();
                     return Err(CampaignError::Config { index: run.index, name: name.join(", "), errors });

@@ -313,7 +313,7 @@ mod tests {
         let fetched = html.replace("http://www.w3.org/2000/svg", "");
         assert!(["http:", "https:", "<script", "src=", "@import"].iter().all(|outside| !fetched.contains(outside)));
         assert!(html.contains("2 planned runs are still to do") && html.contains("no fall") && html.contains("scuff"));
-        assert_eq!(html.matches("<svg").count(), 4);
+        assert_eq!(html.matches("<figure>").count(), 4);
         if let Ok(folder) = std::env::var("COMPASS_PAGE_OUT") {
             std::fs::write(std::path::Path::new(&folder).join("experiment.html"), html).unwrap();
         }

@@ -85,6 +85,7 @@ struct Typed {
 struct Choice {
     label: String,
     overrides: Vec<String>,
+    draw: Vec<Drawn>,
 }
 
 /// One key that is varied.
@@ -101,6 +102,9 @@ struct Drawn {
     ranges: Vec<[f64; 2]>,
     is_list: bool,
 }
+
+/// Labels, keys and draws of one choice on every axis.
+type Combination = (BTreeMap<String, String>, Vec<String>, Vec<Drawn>);
 
 /// An experiment.
 #[derive(Clone, Debug)]
@@ -127,6 +131,7 @@ pub struct RunPlan {
     pub seed: u64,
     /// The configuration, `key=value`, without what the seed draws.
     pub overrides: Vec<String>,
+    draw: Vec<Drawn>,
 }
 
 impl Plan {
@@ -163,27 +168,30 @@ impl Plan {
     /// All runs, seeds fastest.
     #[must_use]
     pub fn runs(&self) -> Vec<RunPlan> {
-        let mut combinations = vec![(BTreeMap::new(), self.set.clone())];
+        let mut combinations = vec![(BTreeMap::new(), self.set.clone(), self.draw.clone())];
         for axis in &self.axes {
-            let with = |(labels, set): &(BTreeMap<String, String>, Vec<String>), choice: &Choice| {
-                let (mut labels, mut set) = (labels.clone(), set.clone());
+            let with = |(labels, set, draw): &Combination, choice: &Choice| {
+                let (mut labels, mut set, mut draw) = (labels.clone(), set.clone(), draw.clone());
                 labels.insert(axis.key.clone(), choice.label.clone());
                 set.extend(choice.overrides.iter().cloned());
-                (labels, set)
+                draw.extend(choice.draw.iter().cloned());
+                (labels, set, draw)
             };
             combinations = combinations.iter().flat_map(|c| axis.choices.iter().map(move |x| with(c, x))).collect();
         }
         let mut runs = Vec::new();
-        for (axes, set) in combinations {
+        for (axes, set, draw) in combinations {
             for seed in self.seeds[0]..=self.seeds[1] {
                 let mut overrides = set.clone();
                 overrides.push(format!("sim.seed={seed}"));
-                runs.push(RunPlan { index: runs.len(), axes: axes.clone(), seed, overrides });
+                runs.push(RunPlan { index: runs.len(), axes: axes.clone(), seed, overrides, draw: draw.clone() });
             }
         }
         runs
     }
+}
 
+impl RunPlan {
     /// Anything is drawn.
     #[must_use]
     pub fn draws(&self) -> bool {
@@ -192,8 +200,8 @@ impl Plan {
 
     /// What the seed draws, `key=value`; `attempt` counts draws that no robot can start from.
     #[must_use]
-    pub fn drawn(&self, seed: u64, attempt: u32) -> Vec<String> {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ STREAM);
+    pub fn drawn(&self, attempt: u32) -> Vec<String> {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ STREAM);
         rng.set_stream(u64::from(attempt));
         #[expect(clippy::cast_precision_loss, reason = "53 bits")]
         let mut uniform = || (rng.next_u64() >> 11) as f64 / 9_007_199_254_740_992.0;
@@ -253,20 +261,22 @@ fn axis(key: String, value: &Value) -> Result<Axis, PlanError> {
 fn choice(key: &str, item: &Value) -> Result<Choice, PlanError> {
     let Value::Table(bundle) = item else {
         let label = item.as_str().map_or_else(|| item.to_string(), str::to_owned);
-        return Ok(Choice { label, overrides: vec![format!("{key}={item}")] });
+        return Ok(Choice { label, overrides: vec![format!("{key}={item}")], draw: Vec::new() });
     };
     let label = bundle.get("label").and_then(Value::as_str);
     let label =
         label.ok_or_else(|| wrong(key, "a bundle of keys needs a label: { label = \"...\", set = { ... } }"))?;
-    let set = match bundle.get("set") {
-        None => Vec::new(),
-        Some(Value::Table(set)) => assignments("", set),
-        Some(_) => return Err(wrong(key, "`set` must be a table")),
+    let inner = |name: &str| match bundle.get(name) {
+        None => Ok(Table::new()),
+        Some(Value::Table(table)) => Ok(table.clone()),
+        Some(_) => Err(wrong(key, &format!("`{name}` must be a table"))),
     };
-    if let Some(unknown) = bundle.keys().find(|k| *k != "label" && *k != "set") {
-        return Err(wrong(key, &format!("unknown key `{unknown}` in a bundle; known: label, set")));
+    let draw =
+        leaves("", &inner("draw")?).into_iter().map(|(key, value)| drawn(key, &value)).collect::<Result<_, _>>()?;
+    if let Some(unknown) = bundle.keys().find(|k| !["label", "set", "draw"].contains(&k.as_str())) {
+        return Err(wrong(key, &format!("unknown key `{unknown}` in a bundle; known: label, set, draw")));
     }
-    Ok(Choice { label: label.to_owned(), overrides: set })
+    Ok(Choice { label: label.to_owned(), overrides: assignments("", &inner("set")?), draw })
 }
 
 fn drawn(key: String, value: &Value) -> Result<Drawn, PlanError> {
@@ -319,7 +329,7 @@ time_s = 5.0
         assert_eq!((runs[5].axes["control.controller"].as_str(), runs[5].seed), ("balance", 5));
         for run in &runs {
             let mut keys = run.overrides.clone();
-            keys.extend(plan.drawn(run.seed, 0));
+            keys.extend(run.drawn(0));
             crate::config::load(None, &keys).unwrap();
         }
         let pushes = &crate::config::load(None, &runs[5].overrides).unwrap().config.simulation.pushes;
@@ -328,12 +338,12 @@ time_s = 5.0
 
     #[test]
     fn what_is_drawn_depends_on_seed_and_attempt_alone_and_stays_within() {
-        let plan = Plan::parse(TEXT).unwrap();
-        assert_eq!(plan.drawn(3, 0), plan.drawn(3, 0));
-        assert_ne!(plan.drawn(3, 0), plan.drawn(4, 0));
-        assert_ne!(plan.drawn(3, 0), plan.drawn(3, 1));
-        for seed in 0..200 {
-            let keys = plan.drawn(seed, 0);
+        let runs = Plan::parse(&TEXT.replace("3..5", "1..200")).unwrap().runs();
+        assert_eq!(runs[0].drawn(0), runs[200].drawn(0), "the same seed on another axis");
+        assert_ne!(runs[0].drawn(0), runs[1].drawn(0));
+        assert_ne!(runs[0].drawn(0), runs[0].drawn(1));
+        for run in &runs[..200] {
+            let keys = run.drawn(0);
             let sim = crate::config::load(None, &keys).unwrap().config.simulation;
             assert!(sim.initial_angle_rad[0].abs() <= 0.01 && sim.initial_angle_rad[1].abs() <= 0.1);
         }

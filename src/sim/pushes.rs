@@ -128,4 +128,42 @@ mod tests {
             seen.windows(2).all(|w| w[0].0 <= w[1].0) && seen.contains(&(Stamp(6_000_000_000), 9.0)) && seen.len() > 4
         );
     }
+
+    /// Rates of the legs after a push of 1 N s on a robot that nobody holds, and its angles.
+    fn pushed(keys: &[&str]) -> [[f64; 2]; 2] {
+        let mut keys: Vec<String> = keys.iter().map(|k| (*k).to_owned()).collect();
+        keys.push("sim.release_torque_nm=0.0".to_owned());
+        let mut world = crate::sim::world::build(&load(None, &keys).unwrap().config).unwrap();
+        world.push(1.0);
+        // On the ground the reading is taken by the next step: one of a microsecond.
+        world.step(0.0, world.reading().toe_position_m, Span(1000));
+        let seen = world.reading();
+        [seen.leg_rate_rad_s, seen.leg_angle_rad]
+    }
+
+    #[test]
+    fn a_push_at_the_hip_is_an_angular_impulse_about_the_toe_and_none_about_the_hip() {
+        // Without friction and elasticity H Δv = [-l cos θs p, 0]; on blocks and on the ground alike.
+        let config = load(None, &[]).unwrap().config;
+        let p = config.robot.model.params();
+        for world in ["sim.on_blocks=true", "sim.on_blocks=false"] {
+            for hip in ["sim.initial_angle_rad=[0.0349, 0.0]", "sim.initial_angle_rad=[0.02, -0.1]"] {
+                let [rate, angle] = pushed(&[
+                    world,
+                    hip,
+                    "sim.friction_scale=[0.0, 0.0]",
+                    "sim.hip_elasticity.rotor_inertia_kg_m2=1e-4",
+                ]);
+                let mass = crate::model::compass_gait::dynamics::mass_matrix(&p.normalised(), angle);
+                let unit = p.inertia_kg_m2();
+                let momentum = mass.map(|row| unit * (row[0] * rate[0] + row[1] * rate[1]));
+                let expected = -p.leg_length_m * libm::cos(angle[0]);
+                // Gravity acts for a microsecond, the rotor has a hundred-thousandth of the inertia: 1e-3.
+                assert!(
+                    (momentum[0] - expected).abs() < 1e-3 && momentum[1].abs() < 1e-3,
+                    "{world} {hip}: {momentum:?}"
+                );
+            }
+        }
+    }
 }
