@@ -30,6 +30,7 @@ impl World for Flywheel {
         }
     }
     fn let_go(&mut self) {}
+    fn push(&mut self, _impulse_ns: f64) {}
     fn reading(&self) -> Reading {
         self.reading
     }
