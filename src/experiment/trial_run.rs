@@ -116,7 +116,7 @@ pub fn run(
         let (record, plant) = lockstep.seen();
         watch.look(record, plant);
         if record.status.mode == crate::msg::Mode::Armed {
-            *laws.entry(law(config)).or_default() += 1;
+            *laws.entry(record.control.law.name()).or_default() += 1;
         }
         ticks += 1;
         if ticks % LOOK_TICKS == 0 && !look(part_done(&watch, stop, lockstep.now())) {
@@ -124,16 +124,6 @@ pub fn run(
         }
     };
     Ok(Some(record(resolved, place, &lockstep, &watch, ended, &laws)))
-}
-
-/// The law that ran in this tick.
-const fn law(config: &crate::config::checked::Config) -> &'static str {
-    use crate::config::checked::ControllerKind;
-    match config.control.controller {
-        ControllerKind::Idle => "idle",
-        ControllerKind::Hold => "hold",
-        ControllerKind::Balance => "balance",
-    }
 }
 
 fn how_it_ended(watch: &Watch, stop: &Stop, now: Stamp, end: Stamp) -> Option<Ended> {

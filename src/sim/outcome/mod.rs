@@ -20,7 +20,7 @@ use super::Reading;
 use super::plant::Plant;
 use crate::base::time::Stamp;
 use crate::config::checked::Config;
-use crate::msg::{Fault, Leg, Mode, TickRecord};
+use crate::msg::{FaultCode, Leg, Mode, TickRecord};
 use agreement::Agreement;
 use effort::Effort;
 use fall::{Cause, Happening, History, Irregularity};
@@ -185,14 +185,16 @@ impl Watch {
 
     fn judge(&mut self, now_s: f64, record: &TickRecord, reading: &Reading) {
         let lean_rad = stance_lean_rad(reading);
-        let lost_power = record.status.mode != Mode::Armed;
+        let fault = record.status.first_fault.code;
+        let let_go = matches!(fault, FaultCode::DeadManReleased | FaultCode::Stopping | FaultCode::None);
+        let lost_power = record.status.mode != Mode::Armed && !let_go;
         if lean_rad.abs() < FALLS_RAD && !lost_power {
             return;
         }
         // Forwards is where the hip goes: to negative angles (model notes, section 2).
         let backward = lean_rad * self.footsteps.direction() > 0.0;
-        let fault = if lost_power { record.status.first_fault } else { Fault::default() };
-        self.ended = Some(fall::cause(&self.history, now_s, backward, fault.code));
+        let fault = if lost_power { fault } else { FaultCode::None };
+        self.ended = Some(fall::cause(&self.history, now_s, backward, fault));
     }
 
     fn note(&mut self, at_s: f64, what: Irregularity) {
