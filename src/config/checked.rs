@@ -366,6 +366,29 @@ pub enum ControllerKind {
     Balance,
     /// Stands, steps in, walks at a commanded speed, stops.
     Walk,
+    /// The same, walking by virtual constraints (thesis 4.1).
+    VirtualConstraint,
+    /// The same, walking by transverse stabilisation of a plan (thesis 4.7).
+    Transverse,
+    /// Balances, makes one planned step by TVLQR (thesis 4.5), balances.
+    Tvlqr,
+}
+
+impl ControllerKind {
+    /// It follows a plan.
+    #[must_use]
+    pub const fn follows_plan(self) -> bool {
+        matches!(self, Self::Transverse | Self::Tvlqr)
+    }
+}
+
+/// A plan that a controller follows, as text: a recording holds it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Plan {
+    /// What errors call it.
+    pub name: String,
+    /// Text of the plan file; empty if the controller follows none.
+    pub text: String,
 }
 
 /// Controller and observer.
@@ -397,6 +420,14 @@ pub struct Control {
     pub walk: Walk,
     /// Numbers of the hand-made walking law.
     pub foot_placement: FootPlacement,
+    /// Numbers of the virtual constraints.
+    pub virtual_constraint: VirtualConstraint,
+    /// Numbers of transverse stabilisation.
+    pub transverse: Transverse,
+    /// Numbers of the rebalance by TVLQR.
+    pub tvlqr: Tvlqr,
+    /// The plan that the controller follows.
+    pub plan: Plan,
 }
 
 /// What `walk` is asked for.
@@ -473,6 +504,79 @@ pub struct FootPlacement {
     pub first_push_m: f64,
     /// Lean of the stance leg beyond the vertical from which on it pushes, rad.
     pub push_rad: f64,
+}
+
+/// Numbers of the virtual constraints; footholds, stance toe and push-off are [`FootPlacement`]'s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VirtualConstraint {
+    /// The curve ends when the stance leg leans forward by this share of the steady swing angle.
+    pub arrive_share: f64,
+    /// The foothold no longer changes from this phase on.
+    pub frozen_phase: f64,
+    /// What the third and the fourth point of the curve are moved by, in shares of the way.
+    pub bends: [f64; 2],
+    /// How the swing angle goes back with the stance angle beyond the curve's end, rad/rad.
+    pub retraction: f64,
+    /// Bandwidth of the swing leg's tracking, rad/s.
+    pub bandwidth_rad_s: f64,
+    /// Its damping ratio.
+    pub damping_ratio: f64,
+    /// Stance angle at which the swing toe is in, rad.
+    pub toe_in_rad: f64,
+    /// How it goes in with the stance angle before that, m/rad.
+    pub toe_in_m_rad: f64,
+    /// It goes out when the stance leg leans forward by this share of the aimed swing angle.
+    pub toe_out_share: f64,
+    /// How it goes out with the stance angle after that, m/rad.
+    pub toe_out_m_rad: f64,
+    /// Half sine at the start of the swing, m.
+    pub nudge_m: f64,
+    /// It ends at this phase.
+    pub nudge_phase: f64,
+    /// What the stance toe is shorter by with the angle from the vertical, m/rad.
+    pub arch_m_rad: f64,
+}
+
+/// Numbers of transverse stabilisation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transverse {
+    /// It begins at a touchdown whose state has less cost-to-go than this.
+    pub join_cost: f64,
+    /// It gives up at a touchdown whose state has more.
+    pub leave_cost: f64,
+    /// Feedback comes in over this time after a touchdown, s.
+    pub fade_s: f64,
+    /// Length of the stance toe, m.
+    pub toe_nominal_m: f64,
+    /// How far the swing toe reaches for the ground, m.
+    pub toe_reach_m: f64,
+    /// It reaches from so long before the planned touchdown on, s,
+    pub toe_out_s: f64,
+    /// and not before the stance leg leans so far beyond the vertical, rad.
+    pub toe_out_rad: f64,
+    /// Share of the difference at landing that the stance toe keeps.
+    pub toe_kept: f64,
+    /// Push-off, m.
+    pub push_m: f64,
+    /// What it grows by with the lack of squared passing rate, m s²/rad².
+    pub push_per_energy_m_s2_rad2: f64,
+    /// Largest push-off, m.
+    pub push_most_m: f64,
+    /// Lean of the stance leg beyond the vertical from which on it pushes, rad.
+    pub push_rad: f64,
+}
+
+/// Numbers of the rebalance by TVLQR.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tvlqr {
+    /// Feedback is faded within this time of the expected touchdown, s.
+    pub fade_s: f64,
+    /// Length of the stance toe, m.
+    pub toe_nominal_m: f64,
+    /// How far the swing toe reaches for the ground, m.
+    pub toe_reach_m: f64,
+    /// It reaches from so long before the planned touchdown on, s.
+    pub toe_out_s: f64,
 }
 
 /// The simulated robot. Each imperfection is off when `None` or 0.

@@ -1,6 +1,9 @@
 //! Reads `rt` and `control`: threads, timing, controller and observer. RT: before arming only.
 
-use super::checked::{Control, ControllerKind, FootPlacement, Input, RealTime, Thread, Trigger, Walk};
+use super::checked::{
+    Control, ControllerKind, FootPlacement, Input, Plan, RealTime, Thread, Transverse, Trigger, Tvlqr,
+    VirtualConstraint, Walk,
+};
 use super::reader::{Reader, range};
 use crate::base::time::Span;
 use crate::msg::Leg;
@@ -50,9 +53,13 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
         ("hold", ControllerKind::Hold),
         ("balance", ControllerKind::Balance),
         ("walk", ControllerKind::Walk),
+        ("virtual_constraint", ControllerKind::VirtualConstraint),
+        ("transverse", ControllerKind::Transverse),
+        ("tvlqr", ControllerKind::Tvlqr),
     ];
+    let controller = r.choice("controller", CONTROLLERS, ControllerKind::Idle);
     Control {
-        controller: r.choice("controller", CONTROLLERS, ControllerKind::Idle),
+        controller,
         stance: r.choice("stance", LEGS, Leg::Inner),
         observer_epsilon_s: r.number("observer_epsilon_s", range(1e-3, 1.0, "s")),
         bias_time_s: r.number("bias_time_s", range(0.0, 1e4, "s")),
@@ -65,6 +72,87 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
         hold_damping_nm_s_rad: r.number("hold_damping_nm_s_rad", range(0.0, 1e4, "Nm s/rad")),
         walk: r.table("walk", walk),
         foot_placement: r.table("foot_placement", foot_placement),
+        virtual_constraint: r.table("virtual_constraint", virtual_constraint),
+        transverse: r.table("transverse", transverse),
+        tvlqr: r.table("tvlqr", tvlqr),
+        plan: plan(r, controller.follows_plan()),
+    }
+}
+
+/// Plans that are in the program: by name.
+const PLANS: &[(&str, &str)] = &[
+    ("gait_400mm_500mm_s", include_str!("../../config/plans/gait_400mm_500mm_s.plan")),
+    ("rebalance_inner_300mm", include_str!("../../config/plans/rebalance_inner_300mm.plan")),
+];
+
+/// The plan of a controller that follows one: by name, by file, or, in a recording, its text.
+fn plan(r: &Reader<'_>, is_followed: bool) -> Plan {
+    if !is_followed {
+        // Not read, so not in the recording.
+        return Plan { name: r.text("plan"), text: String::new() };
+    }
+    let typed = r.silent_text("plan");
+    let (name, text) = if typed.starts_with('{') {
+        ("recorded plan".to_owned(), typed)
+    } else if let Some((_, text)) = PLANS.iter().find(|(name, _)| *name == typed) {
+        (typed, (*text).to_owned())
+    } else {
+        match std::fs::read_to_string(&typed) {
+            Ok(text) => (typed, text),
+            Err(error) => {
+                let known: Vec<&str> = PLANS.iter().map(|(name, _)| *name).collect();
+                r.refuse("plan", &format!("cannot be read ({error}); in the program are: {}", known.join(", ")));
+                (typed, String::new())
+            }
+        }
+    };
+    // Without line ends, which mean nothing in a plan: the canonical text has a line for each key.
+    let text = text.replace(['\n', '\r'], "");
+    r.note_text("plan", &text);
+    Plan { name, text }
+}
+
+fn virtual_constraint(r: &Reader<'_>) -> VirtualConstraint {
+    VirtualConstraint {
+        arrive_share: r.number("arrive_share", range(-0.5, 1.5, "1")),
+        frozen_phase: r.number("frozen_phase", range(0.0, 1.0, "1")),
+        bends: r.numbers("bends", range(-1.0, 1.0, "1")),
+        retraction: r.number("retraction", range(0.0, 3.0, "rad/rad")),
+        bandwidth_rad_s: r.number("bandwidth_rad_s", range(1.0, 60.0, "rad/s")),
+        damping_ratio: r.number("damping_ratio", range(0.1, 3.0, "1")),
+        toe_in_rad: r.number("toe_in_rad", range(-0.3, 0.3, "rad")),
+        toe_out_share: r.number("toe_out_share", range(-1.0, 2.0, "1")),
+        toe_in_m_rad: r.number("toe_in_m_rad", range(0.0, 5.0, "m/rad")),
+        toe_out_m_rad: r.number("toe_out_m_rad", range(0.0, 5.0, "m/rad")),
+        nudge_m: r.number("nudge_m", range(0.0, 0.1, "m")),
+        nudge_phase: r.number("nudge_phase", range(0.01, 1.0, "1")),
+        arch_m_rad: r.number("arch_m_rad", range(0.0, 1.0, "m/rad")),
+    }
+}
+
+fn transverse(r: &Reader<'_>) -> Transverse {
+    Transverse {
+        join_cost: r.number("join_cost", range(0.0, 1e6, "1")),
+        leave_cost: r.number("leave_cost", range(0.0, 1e6, "1")),
+        fade_s: r.number("fade_s", range(1e-4, 1.0, "s")),
+        toe_nominal_m: r.number("toe_nominal_m", range(0.0, 0.2, "m")),
+        toe_reach_m: r.number("toe_reach_m", range(0.0, 0.2, "m")),
+        toe_out_s: r.number("toe_out_s", range(0.0, 1.0, "s")),
+        toe_out_rad: r.number("toe_out_rad", range(-0.5, 0.5, "rad")),
+        toe_kept: r.number("toe_kept", range(0.0, 1.0, "1")),
+        push_m: r.number("push_m", range(0.0, 0.2, "m")),
+        push_per_energy_m_s2_rad2: r.number("push_per_energy_m_s2_rad2", range(0.0, 1.0, "m s^2/rad^2")),
+        push_most_m: r.number("push_most_m", range(0.0, 0.2, "m")),
+        push_rad: r.number("push_rad", range(-0.5, 0.5, "rad")),
+    }
+}
+
+fn tvlqr(r: &Reader<'_>) -> Tvlqr {
+    Tvlqr {
+        fade_s: r.number("fade_s", range(1e-4, 1.0, "s")),
+        toe_nominal_m: r.number("toe_nominal_m", range(0.0, 0.2, "m")),
+        toe_reach_m: r.number("toe_reach_m", range(0.0, 0.2, "m")),
+        toe_out_s: r.number("toe_out_s", range(0.0, 1.0, "s")),
     }
 }
 

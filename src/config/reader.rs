@@ -219,6 +219,23 @@ impl Reader<'_> {
         }
     }
 
+    /// A text that is not noted as it was typed: see [`Reader::note_text`].
+    pub(super) fn silent_text(&self, key: &'static str) -> String {
+        match self.get(key).map(|node| &node.value) {
+            Some(Raw::Text(value)) => value.clone(),
+            Some(_) => {
+                self.refuse(key, "must be a text in quotes");
+                String::new()
+            }
+            None => String::new(),
+        }
+    }
+
+    /// Notes what a text stands for.
+    pub(super) fn note_text(&self, key: &'static str, text: &str) {
+        self.note(key, toml::Value::String(text.to_owned()).to_string());
+    }
+
     /// A text.
     pub(super) fn text(&self, key: &'static str) -> String {
         let Some(node) = self.get(key) else { return String::new() };

@@ -293,3 +293,17 @@ fn what_a_protocol_needs_is_asked_for_and_what_it_lacks_is_refused() {
     assert!(odrive.contains("torque_constant_nm_a"), "{odrive}");
     assert!(errors(&["robot.drives.hip.protocol=lcm"])[0].contains("must be one of \"cia402\", \"mit\""));
 }
+
+#[test]
+fn followed_plan_is_in_the_canonical_text_and_comes_back() {
+    let load = |keys: &[&str]| load(None, &keys.iter().map(|k| (*k).to_owned()).collect::<Vec<_>>());
+    let one = load(&["control.controller=transverse"]).unwrap();
+    assert!(one.text.contains("compass-plan-1"));
+    assert_eq!(one.text.lines().filter(|line| line.starts_with("control.plan")).count(), 1);
+    let again = from_canonical(&one.text, &[]).unwrap();
+    assert_eq!(again.text, one.text);
+    assert_eq!(again.config.control.plan.text, one.config.control.plan.text);
+    assert!(!load(&[]).unwrap().text.contains("compass-plan-1"), "a plan that nobody follows is not recorded");
+    let error = load(&["control.controller=transverse", "control.plan=nowhere.plan"]).unwrap_err().to_string();
+    assert!(error.contains("nowhere.plan") && error.contains("gait_400mm_500mm_s"), "{error}");
+}

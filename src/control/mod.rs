@@ -29,9 +29,17 @@ mod balance;
 mod foot_placement;
 mod friction;
 mod gains;
+mod gait;
 mod hold;
+mod landing;
+mod pendulum;
+mod planned;
+mod stance_toe;
 mod swing;
 pub mod tables;
+mod transverse;
+mod tvlqr;
+mod virtual_constraint;
 mod walk;
 
 use crate::base::riccati::RiccatiError;
@@ -46,7 +54,7 @@ use walk::Walk;
 pub use gains::{Gain, balance_gain};
 
 /// Why there is no controller for a configuration.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ControllerError {
     /// No LQR gain.
     #[error("no balance gain for the {leg} leg from control.lqr_q and control.lqr_r: {cause}", leg = leg.name())]
@@ -56,7 +64,17 @@ pub enum ControllerError {
         /// What the solver says.
         cause: RiccatiError,
     },
+    /// The plan of the configuration does not serve the law.
+    #[error("control.plan: {cause}")]
+    Plan {
+        /// Why.
+        cause: PlanRefused,
+    },
 }
+
+/// Why a plan is refused, in words. Before arming only.
+#[expect(clippy::disallowed_types, reason = "before arming")]
+pub type PlanRefused = String;
 
 /// The controller of a run.
 #[derive(Clone, Debug)]
@@ -84,7 +102,10 @@ impl Controller {
             ControllerKind::Idle => Law::Idle,
             ControllerKind::Hold => Law::Hold(Hold::new(&config.control)),
             ControllerKind::Balance => Law::Balance(Balance::new(config)?),
-            ControllerKind::Walk => Law::Walk(new_walk(config)?),
+            ControllerKind::Walk
+            | ControllerKind::VirtualConstraint
+            | ControllerKind::Transverse
+            | ControllerKind::Tvlqr => Law::Walk(new_walk(config)?),
         };
         Ok(Self { law, toes: ToeLengths::new(&config.robot.toe), state: ControlState::default() })
     }
@@ -124,7 +145,7 @@ impl Controller {
 
 #[expect(clippy::disallowed_methods, reason = "before arming")]
 fn new_walk(config: &Config) -> Result<Box<Walk>, ControllerError> {
-    Ok(Box::new(Walk::new(config, Balance::new(config)?)))
+    Ok(Box::new(Walk::new(config)?))
 }
 
 /// Toe lengths of the leg that stands and of the one that swings.

@@ -34,14 +34,34 @@ pub(super) fn quintic(from: [f64; 2], to: [f64; 2], duration_s: f64, t_s: f64) -
 }
 
 /// Normalised torque on the stance row that gives the swing leg this acceleration, friction compensated by `share`.
+pub(super) fn torque(p: &Normalised<f64>, q: [f64; 2], v: [f64; 2], swing_acceleration: f64, share: f64) -> f64 {
+    coupled_torque(p, q, v, [swing_acceleration, 0.0], share)
+}
+
+/// The same for the swing acceleration `a + b θ̈s`, as a path by the stance angle asks for.
 ///
 /// The stance leg does what it does: its row is eliminated by the sum of both rows, on which no torque acts.
-pub(super) fn torque(p: &Normalised<f64>, q: [f64; 2], v: [f64; 2], swing_acceleration: f64, share: f64) -> f64 {
+pub(super) fn coupled_torque(p: &Normalised<f64>, q: [f64; 2], v: [f64; 2], [a, b]: [f64; 2], share: f64) -> f64 {
     let t = Trig::new(q);
     let ([[h11, h12], [h21, h22]], [bias_s, bias_w]) = (mass_matrix_at(p, &t), bias_at(p, &t, v));
-    let stance = -((h12 + h22) * swing_acceleration + bias_s + bias_w) / (h11 + h21);
+    let stance = -((h12 + h22) * a + bias_s + bias_w) / (h11 + h21 + (h12 + h22) * b);
     let [rate_s, rate_w] = v;
-    -(h21 * stance + h22 * swing_acceleration + bias_w) - share * friction(p, rate_s - rate_w)
+    -(h21 * stance + h22 * (a + b * stance) + bias_w) - share * friction(p, rate_s - rate_w)
+}
+
+/// Bézier curve of order 5 at `s`: value, first and second derivative; straight on beyond its ends.
+pub(super) fn bezier([c0, c1, c2, c3, c4, c5]: [f64; 6], s: f64) -> [f64; 3] {
+    let inside = s.clamp(0.0, 1.0);
+    let mix = |a: f64, b: f64| a + inside * (b - a);
+    // De Casteljau; the last three and two points give the derivatives.
+    let fourth = [mix(c0, c1), mix(c1, c2), mix(c2, c3), mix(c3, c4), mix(c4, c5)];
+    let [d0, d1, d2, d3, d4] = fourth;
+    let [e0, e1, e2, e3] = [mix(d0, d1), mix(d1, d2), mix(d2, d3), mix(d3, d4)];
+    let [f0, f1, f2] = [mix(e0, e1), mix(e1, e2), mix(e2, e3)];
+    let [g0, g1] = [mix(f0, f1), mix(f1, f2)];
+    let slope = 5.0 * (g1 - g0);
+    let curvature = if (0.0..=1.0).contains(&s) { 20.0 * (f2 - 2.0 * f1 + f0) } else { 0.0 };
+    [mix(g0, g1) + slope * (s - inside), slope, curvature]
 }
 
 #[cfg(test)]
@@ -69,5 +89,26 @@ mod tests {
             let tau = torque(&p, q, v, wanted, 1.0);
             assert!((acceleration_without_friction(&p, q, v, tau)[1] - wanted).abs() < 1e-10);
         }
+    }
+
+    #[test]
+    fn bezier_meets_its_ends_and_its_derivatives_are_its_derivatives() {
+        let c = [-0.2, -0.25, 0.0, 0.1, 0.22, 0.2];
+        assert!((bezier(c, 0.0)[0] + 0.2).abs() < 1e-15 && (bezier(c, 1.0)[0] - 0.2).abs() < 1e-15);
+        assert!((bezier(c, 1.2)[0] - 0.2 - 0.2 * 5.0 * (0.2 - 0.22)).abs() < 1e-12);
+        for s in [0.1, 0.5, 0.8] {
+            let slope = (bezier(c, s + 1e-6)[0] - bezier(c, s - 1e-6)[0]) / 2e-6;
+            let curvature = (bezier(c, s + 1e-6)[1] - bezier(c, s - 1e-6)[1]) / 2e-6;
+            assert!((slope - bezier(c, s)[1]).abs() < 1e-8 && (curvature - bezier(c, s)[2]).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn coupled_torque_keeps_the_accelerations_on_their_line() {
+        let p = config::load(None, &[]).unwrap().config.robot.model.params().normalised().frictionless();
+        let (q, v) = ([0.1, -0.2], [0.5, -1.0]);
+        let tau = coupled_torque(&p, q, v, [3.0, -1.5], 1.0);
+        let [stance, swing] = acceleration_without_friction(&p, q, v, tau);
+        assert!((swing - 3.0 + 1.5 * stance).abs() < 1e-10);
     }
 }

@@ -4,6 +4,13 @@ use super::*;
 use crate::config::load;
 
 const ALL: [&str; 3] = ["idle", "hold", "balance"];
+/// Laws that walk, with the plan that they need.
+const WALKING: [(&str, &str); 4] = [
+    ("walk", "gait_400mm_500mm_s"),
+    ("virtual_constraint", "gait_400mm_500mm_s"),
+    ("transverse", "gait_400mm_500mm_s"),
+    ("tvlqr", "rebalance_inner_300mm"),
+];
 
 fn config(keys: &[&str]) -> Config {
     load(None, &keys.iter().map(|k| (*k).to_owned()).collect::<Vec<_>>()).unwrap().config
@@ -152,4 +159,110 @@ fn stiff_spring_in_the_model_leaves_the_gain_of_the_rigid_robot() {
         fold(rigid).iter().zip(folded).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     };
     assert!(distance(377.0) < 40.0 && distance(100_000.0) < 0.5, "{} {}", distance(377.0), distance(100_000.0));
+}
+
+fn walking(name: &str, plan: &str) -> Controller {
+    let keys =
+        [format!("control.controller={name}"), format!("control.plan={plan}"), "control.walk.start_s=0.0".into()];
+    let mut c = Controller::new(&config(&keys.each_ref().map(String::as_str))).unwrap();
+    c.reset(Stamp(0), &state(Leg::Inner, [0.0; 4]));
+    c
+}
+
+/// States of steps: each lasts half a second, and ends near the next one's beginning, which is near the gait's.
+fn steps(c: &mut Controller, ticks: u32, mut see: impl FnMut(u32, &JointCommand, &ControlState)) {
+    let mut seen = Snapshot::default();
+    for k in 0..ticks {
+        let (step, s) = (k / 500, f64::from(k % 500) / 500.0);
+        let stance = if step % 2 == 0 { Leg::Inner } else { Leg::Outer };
+        let mut e = state(stance, [0.18 - 0.36 * s, -0.18 + 0.4 * s, -0.65, 0.7 - 1.2 * (s - 0.5)]);
+        e.steps = step;
+        let now = Stamp(i64::from(k) * 1_000_000);
+        let command = c.step(now, &e, &seen);
+        seen.toe_position_m = command.toe_position_m.map(|m| m.clamp(0.0, 0.04));
+        see(k, &command, c.state());
+    }
+}
+
+#[test]
+fn walking_laws_answer_finite_states_with_finite_torque_and_toes_within_reach() {
+    for (name, plan) in WALKING {
+        let mut c = walking(name, plan);
+        steps(&mut c, 3000, |k, command, _| {
+            assert!(command.hip_torque_nm.abs() < 30.0 * 50.0, "{name} {k} {}", command.hip_torque_nm);
+            assert!(command.toe_position_m.iter().all(|m| (-0.01..0.06).contains(m)), "{name} {k} {command:?}");
+        });
+        for x in states() {
+            for leg in [Leg::Inner, Leg::Outer] {
+                assert!(torque(&mut c, &state(leg, x)).is_finite(), "{name} {x:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn walking_laws_give_the_same_bits_for_the_same_input() {
+    for (name, plan) in WALKING {
+        let mut bits = Vec::new();
+        steps(&mut walking(name, plan), 2000, |_, command, _| bits.push(command.hip_torque_nm.to_bits()));
+        steps(&mut walking(name, plan), 2000, |k, command, _| {
+            assert_eq!(bits[k as usize], command.hip_torque_nm.to_bits(), "{name} {k}");
+        });
+    }
+}
+
+#[test]
+fn walking_laws_show_a_state_that_is_not_finite() {
+    for (name, plan) in WALKING {
+        let mut c = walking(name, plan);
+        steps(&mut c, 1600, |_, _, _| {});
+        let e = Estimate { steps: 3, ..state(Leg::Outer, [f64::NAN, 0.0, 0.0, 0.0]) };
+        let command = c.step(Stamp(1_600_000_000), &e, &Snapshot::default());
+        assert!(!command.hip_torque_nm.is_finite(), "{name}");
+    }
+}
+
+#[test]
+fn the_law_that_chose_the_torque_is_told() {
+    for ((name, plan), own) in WALKING.into_iter().zip([
+        LawName::FootPlacement,
+        LawName::VirtualConstraint,
+        LawName::Transverse,
+        LawName::Tvlqr,
+    ]) {
+        let mut laws = Vec::new();
+        steps(&mut walking(name, plan), 1400, |_, _, state| laws.push(state.law));
+        let first = if own == LawName::Tvlqr { LawName::Tvlqr } else { LawName::FootPlacement };
+        assert_eq!((laws[10], laws[1200]), (first, own), "{name}");
+    }
+}
+
+#[test]
+fn plan_of_another_model_or_kind_is_refused_by_name() {
+    let refusal = |keys: &[&str]| Controller::new(&config(keys)).unwrap_err().to_string();
+    let other = refusal(&["control.controller=transverse", "robot.model.c4.value=0.1152"]);
+    assert!(other.contains("gait_400mm_500mm_s") && other.contains("another model"), "{other}");
+    let kind = refusal(&["control.controller=tvlqr"]);
+    assert!(kind.contains("rebalance") && kind.contains("gait"), "{kind}");
+}
+
+#[test]
+fn transverse_law_on_its_orbit_asks_for_the_planned_torque_and_friction() {
+    let mut c = walking("transverse", "gait_400mm_500mm_s");
+    let keys = ["control.controller=transverse"];
+    let plan = planned::read(&config(&keys), "gait").unwrap();
+    steps(&mut c, 1001, |_, _, _| {});
+    // On the inner leg from its touchdown on, along the plan.
+    let phase = plan.phases.iter().find(|phase| phase.inner_stands).unwrap();
+    let friction = friction::Compensation::new(&config(&[]).robot.model, 1.0);
+    let unit = config(&[]).robot.model.params().inertia_kg_m2();
+    for k in 1..700_u32 {
+        let node = phase.at(f64::from(k) * 1e-3);
+        let e = Estimate { steps: 2, ..state(Leg::Inner, node.state) };
+        let got = c.step(Stamp(1_000_000_000 + i64::from(k) * 1_000_000), &e, &Snapshot::default()).hip_torque_nm;
+        let want = node.torque_nm + unit * friction.torque(node.state[2] - node.state[3]);
+        if k > 30 {
+            assert!((got - want).abs() < 0.2 + 0.02 * want.abs(), "{k}: {got} {want}");
+        }
+    }
 }

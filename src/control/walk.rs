@@ -3,13 +3,16 @@
 //! ```text
 //!            speed asked for            second touchdown            speed 0 asked for          both feet down, slow
 //!   Stand ───────────────────> StepIn ─────────────────> Walk ───────────────────────> Stop ─────────────────────> Rest
-//!   (LQR)                      (the walking law)                                       (long steps)    (no torque)
+//!   (LQR)                      (foot placement)            (the walking law)           (long steps)    (no torque)
 //! ```
+//! With a one-step rebalance (TVLQR) in the place of a walking law: Stand, StepIn, Stand on the other leg.
 
-use super::ToeLengths;
 use super::balance::Balance;
-use super::foot_placement::{FootPlacement, Wish, energy};
+use super::foot_placement::Wish;
+use super::gait::Gait;
 use super::hold::Hold;
+use super::pendulum::energy;
+use super::{ControllerError, ToeLengths};
 use crate::base::time::Stamp;
 use crate::config::checked::{Config, Walk as Schedule};
 use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot, TOES};
@@ -18,7 +21,7 @@ use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot, TOES};
 #[derive(Clone, Debug)]
 pub(super) struct Walk {
     balance: Balance,
-    placement: FootPlacement,
+    gait: Gait,
     schedule: Schedule,
     toes: ToeLengths,
     motion: Motion,
@@ -33,10 +36,13 @@ pub(super) struct Walk {
 
 impl Walk {
     /// Before arming only.
-    pub(super) fn new(config: &Config, balance: Balance) -> Self {
-        Self {
-            balance,
-            placement: FootPlacement::new(config),
+    ///
+    /// # Errors
+    /// No gain for balance, or no plan for the law.
+    pub(super) fn new(config: &Config) -> Result<Self, ControllerError> {
+        Ok(Self {
+            balance: Balance::new(config)?,
+            gait: Gait::new(config)?,
             schedule: config.control.walk,
             toes: ToeLengths::new(&config.robot.toe),
             motion: Motion::Stand,
@@ -45,14 +51,14 @@ impl Walk {
             stop_step: 0,
             hold: Hold::new(&config.control),
             rests_since: Stamp::NEVER,
-        }
+        })
     }
 
     /// On arming.
     pub(super) fn reset(&mut self, now: Stamp) {
         self.motion = Motion::Stand;
         self.since = now;
-        self.placement.reset();
+        self.gait.reset();
     }
 
     /// Speed asked for at a time since arming, m/s.
@@ -74,7 +80,7 @@ impl Walk {
                 let toe_position_m = self.toes.for_stance(e.stance);
                 (Wish { hip_torque_nm, toe_position_m, ..Wish::default() }, LawName::Balance)
             }
-            _ => (self.placement.step(now, e, seen, speed_m_s), LawName::FootPlacement),
+            motion => self.gait.step(now, e, seen, speed_m_s, motion),
         };
         let state = ControlState {
             stamp: now,
@@ -91,7 +97,14 @@ impl Walk {
     fn change(&mut self, now: Stamp, e: &Estimate, speed_m_s: f64) {
         let asked = speed_m_s > 0.0;
         let next = match self.motion {
-            Motion::Stand if asked => Motion::StepIn,
+            Motion::Stand if asked && !self.gait.is_over(now) => Motion::StepIn,
+            Motion::StepIn if self.gait.is_rebalance() => {
+                if self.gait.is_over(now) {
+                    Motion::Stand
+                } else {
+                    Motion::StepIn
+                }
+            }
             Motion::StepIn if e.steps.wrapping_sub(self.first_step) >= 1 => Motion::Walk,
             Motion::Walk if !asked => Motion::Stop,
             Motion::Stop if e.steps != self.stop_step && energy(e) < 0.0 => Motion::Rest,

@@ -14,7 +14,7 @@ use crate::safety::{Facts, Guard};
 use crate::zero::Zeros;
 
 /// Why there is no tick for a configuration.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TickError {
     /// A bus cannot be run as configured.
     #[error(transparent)]

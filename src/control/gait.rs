@@ -1,0 +1,115 @@
+//! The law that walks: the configured one, with foot placement for the first step, for the last ones, and wherever the
+//! configured law does not hold. Which one chose the torque is told in every tick; they change at touchdowns only. RT: yes.
+
+use super::ControllerError;
+use super::foot_placement::{FootPlacement, Wish};
+use super::transverse::Transverse;
+use super::tvlqr::Tvlqr;
+use super::virtual_constraint::VirtualConstraint;
+use crate::base::time::Stamp;
+use crate::config::checked::{Config, ControllerKind};
+use crate::msg::{Estimate, LawName, Leg, Motion, Snapshot};
+
+/// Laws, and which one is in charge.
+#[derive(Clone, Debug)]
+pub(super) struct Gait {
+    placement: FootPlacement,
+    own: Own,
+    in_charge: bool,
+    stance: Option<Leg>,
+}
+
+#[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "one of it, made before arming")]
+enum Own {
+    Placement,
+    Virtual(VirtualConstraint),
+    Transverse(Transverse),
+    Rebalance(Tvlqr),
+}
+
+impl Gait {
+    /// Before arming only.
+    ///
+    /// # Errors
+    /// The law needs a plan, and the configured one does not serve.
+    pub(super) fn new(config: &Config) -> Result<Self, ControllerError> {
+        let own = match config.control.controller {
+            ControllerKind::VirtualConstraint => Own::Virtual(VirtualConstraint::new(config)),
+            ControllerKind::Transverse => Own::Transverse(Transverse::new(config)?),
+            ControllerKind::Tvlqr => Own::Rebalance(Tvlqr::new(config)?),
+            ControllerKind::Idle | ControllerKind::Hold | ControllerKind::Balance | ControllerKind::Walk => {
+                Own::Placement
+            }
+        };
+        Ok(Self { placement: FootPlacement::new(config), own, in_charge: false, stance: None })
+    }
+
+    /// The next tick begins a first step, out of balance.
+    pub(super) fn reset(&mut self) {
+        self.placement.reset();
+        self.forget();
+        self.in_charge = false;
+        self.stance = None;
+    }
+
+    fn forget(&mut self) {
+        match &mut self.own {
+            Own::Placement => {}
+            Own::Virtual(law) => law.reset(),
+            Own::Transverse(law) => law.reset(),
+            Own::Rebalance(law) => law.reset(),
+        }
+    }
+
+    /// It makes one step and balances again.
+    pub(super) const fn is_rebalance(&self) -> bool {
+        matches!(self.own, Own::Rebalance(_))
+    }
+
+    /// Its one step is made.
+    pub(super) fn is_over(&self, now: Stamp) -> bool {
+        matches!(&self.own, Own::Rebalance(law) if law.is_over(now))
+    }
+
+    /// Torque and toes, and whose they are.
+    pub(super) fn step(
+        &mut self,
+        now: Stamp,
+        e: &Estimate,
+        seen: &Snapshot,
+        speed_m_s: f64,
+        motion: Motion,
+    ) -> (Wish, LawName) {
+        if self.stance.replace(e.stance) != Some(e.stance) {
+            self.choose(now, e, seen, motion);
+        }
+        match &mut self.own {
+            Own::Rebalance(law) => (law.step(now, e, seen), LawName::Tvlqr),
+            Own::Virtual(law) if self.in_charge => {
+                let wish = law.step(now, e, seen, speed_m_s, &mut self.placement.landing);
+                (wish, LawName::VirtualConstraint)
+            }
+            Own::Transverse(law) if self.in_charge => (law.step(now, e, seen), LawName::Transverse),
+            Own::Placement | Own::Virtual(_) | Own::Transverse(_) => {
+                (self.placement.step(now, e, seen, speed_m_s), LawName::FootPlacement)
+            }
+        }
+    }
+
+    /// At a touchdown: who is in charge of the step that begins.
+    fn choose(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot, motion: Motion) {
+        let own = motion == Motion::Walk
+            && match &self.own {
+                Own::Placement | Own::Rebalance(_) => false,
+                Own::Virtual(_) => true,
+                Own::Transverse(law) => law.holds(e, self.in_charge),
+            };
+        if own && !self.in_charge {
+            self.forget();
+        } else if !own && self.in_charge {
+            self.placement.join(now, e, seen);
+        }
+        self.in_charge = own;
+    }
+}

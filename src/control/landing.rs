@@ -1,0 +1,158 @@
+//! From touchdown to touchdown: the foothold for the next step, and what is learnt of floor and losses. RT: yes.
+//!
+//! The impact map (4.11) gives the rates after a touchdown, hence the next ξ; a longer step loses more. The swing angle is
+//! solved for the ξ that is wanted. What the map leaves out (push-off, toes, slope, a wrong model) is learnt per leg as a
+//! gain of ξ² in a step; the heights of footholds are learnt from the geometry while both feet are on the ground.
+
+use super::pendulum::{KAPPA2, energy, passing_rad_s};
+use crate::config::checked::{Config, FootPlacement as Numbers};
+use crate::model::compass_gait::impact;
+use crate::model::compass_gait::params::Normalised;
+use crate::msg::{Estimate, Leg};
+
+/// Models of both stances, numbers, and what has been learnt.
+#[derive(Clone, Debug)]
+pub(super) struct Landing {
+    models: [Normalised<f64>; 2],
+    leg_m: f64,
+    numbers: Numbers,
+    /// Gain of ξ² in a step that ends on each leg beyond the impact map's, rad²/s².
+    gain: [f64; 2],
+    floor: Floor,
+}
+
+/// Height of the foothold over the mean floor, from step to step.
+#[derive(Clone, Copy, Debug, Default)]
+struct Floor {
+    height_m: f64,
+    /// Mean rise of a step, m: the floor's slope or the attitude's error.
+    rise_m: f64,
+}
+
+/// Where to step, and how far to push the stance toe.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Foothold {
+    pub(super) angle_rad: f64,
+    pub(super) push_m: f64,
+}
+
+impl Landing {
+    /// Before arming only.
+    pub(super) fn new(config: &Config) -> Self {
+        let params = config.robot.model.params();
+        Self {
+            models: [params.normalised(), params.swapped().normalised()],
+            leg_m: params.leg_length_m,
+            numbers: config.control.foot_placement,
+            gain: [0.0; 2],
+            floor: Floor::default(),
+        }
+    }
+
+    /// Forgets.
+    pub(super) const fn reset(&mut self) {
+        self.gain = [self.numbers.first_gain; 2];
+        self.floor = Floor { height_m: 0.0, rise_m: 0.0 };
+    }
+
+    /// Height of the present foothold over the mean floor, m.
+    pub(super) const fn height_m(&self) -> f64 {
+        self.floor.height_m
+    }
+
+    /// At a touchdown, the new stance toe being so much longer than the other.
+    pub(super) fn learn_floor(&mut self, e: &Estimate, longer_m: f64) {
+        let n = &self.numbers;
+        let over = self.rise_m(e, longer_m) - self.floor.rise_m;
+        self.floor.rise_m += n.slope_share * over;
+        self.floor.height_m = n.floor_memory * (self.floor.height_m + over);
+    }
+
+    /// At a touchdown: ξ² that was expected without what is learnt.
+    pub(super) fn learn_gain(&mut self, e: &Estimate, expected: f64) {
+        let gained = (energy(e) - expected).clamp(-MOST_GAIN, MOST_GAIN);
+        let learnt = self.gain_of(e.stance);
+        self.set_gain(e.stance, learnt + self.numbers.learning * (gained - learnt));
+    }
+
+    /// Swing angle at touchdown in steady walking at a speed, rad.
+    pub(super) fn steady_rad(&self, speed_m_s: f64) -> f64 {
+        let n = &self.numbers;
+        (n.angle_rad + n.angle_per_speed_s_m * (speed_m_s - n.speed_m_s)).clamp(LEAST_RAD, MOST_RAD)
+    }
+
+    /// Foothold and push-off for a speed; a speed of zero asks for a foothold that the robot does not pass.
+    pub(super) fn aim(&self, e: &Estimate, speed_m_s: f64) -> Foothold {
+        let n = &self.numbers;
+        let wanted_rad = self.steady_rad(speed_m_s);
+        let stops = speed_m_s <= 0.0;
+        let passing = passing_rad_s(wanted_rad, speed_m_s / self.leg_m);
+        let wanted = if stops { STOPPING } else { passing * passing };
+        let angle_rad = self.foothold(e, wanted, wanted_rad);
+        // A foothold shorter than wanted lacks energy: push more.
+        let push_m = n.push_m + n.push_per_angle_m_rad * (wanted_rad - angle_rad);
+        Foothold { angle_rad, push_m: if stops { 0.0 } else { push_m.clamp(0.0, n.push_most_m) } }
+    }
+
+    /// How much higher the new foothold is than the last one, m: both feet are on the ground.
+    fn rise_m(&self, e: &Estimate, toe_m: f64) -> f64 {
+        self.leg_m * (libm::cos(e.theta_swing_rad) - libm::cos(e.theta_stance_rad)) - toe_m
+    }
+
+    const fn gain_of(&self, stance: Leg) -> f64 {
+        let [inner, outer] = self.gain;
+        match stance {
+            Leg::Inner => inner,
+            Leg::Outer => outer,
+        }
+    }
+
+    const fn set_gain(&mut self, stance: Leg, gain: f64) {
+        let [inner, outer] = &mut self.gain;
+        match stance {
+            Leg::Inner => *inner = gain,
+            Leg::Outer => *outer = gain,
+        }
+    }
+
+    /// Model with this leg standing.
+    pub(super) const fn model(&self, stance: Leg) -> &Normalised<f64> {
+        let [inner, outer] = &self.models;
+        match stance {
+            Leg::Inner => inner,
+            Leg::Outer => outer,
+        }
+    }
+
+    /// Swing angle after which the next step begins with ξ² `wanted`; a share of the way from the steady one.
+    fn foothold(&self, e: &Estimate, wanted: f64, steady_rad: f64) -> f64 {
+        let n = &self.numbers;
+        let learnt = self.gain_of(e.stance.other());
+        let (mut low, mut high) = (n.least_angle_rad, n.most_angle_rad);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if self.next_energy(e, middle) + learnt > wanted { low = middle } else { high = middle }
+        }
+        steady_rad + n.placement_share * (0.5 * (low + high) - steady_rad)
+    }
+
+    /// ξ² after a touchdown at swing angle `angle_rad` on level ground.
+    pub(super) fn next_energy(&self, e: &Estimate, angle_rad: f64) -> f64 {
+        let rate = -libm::sqrt((energy(e) + KAPPA2 * angle_rad * angle_rad).max(LEAST_RATE * LEAST_RATE));
+        let before = [-angle_rad, angle_rad, rate, -self.numbers.retraction_rad_s];
+        let after = impact::step(self.model(e.stance), &before);
+        after.map_or(0.0, |[angle, _, rate, _]| rate * rate - KAPPA2 * angle * angle)
+    }
+}
+
+/// Bounds of a steady swing angle, rad.
+const LEAST_RAD: f64 = 0.03;
+const MOST_RAD: f64 = 0.4;
+/// Slowest touchdown that is reckoned with, rad/s.
+const LEAST_RATE: f64 = 0.05;
+/// Halvings of the foothold's range: .4 rad to .1 mrad.
+const HALVINGS: usize = 12;
+/// ξ² that a step to stop with shall begin with, rad²/s²: short of passing by .07 rad.
+const STOPPING: f64 = -0.05;
+/// Largest gain of ξ² in a step that is believed, rad²/s².
+const MOST_GAIN: f64 = 0.3;
