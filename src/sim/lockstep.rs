@@ -89,7 +89,7 @@ impl Lockstep {
 
     /// One period: the robot moves up to the tick's time, the tick runs, its frames go out.
     pub fn step(&mut self) -> &TickRecord {
-        self.plant.let_happen(self.input.now);
+        self.plant.advance_to(self.input.now);
         self.collect();
         self.act()
     }

@@ -163,17 +163,10 @@ impl Plant {
         self.now
     }
 
-    /// What the world shows. After [`Self::let_happen`] angles are carried on by their rates from the last event.
+    /// What the world shows.
     #[must_use]
     pub fn reading(&self) -> Reading {
-        let (mut seen, behind) = (self.world.reading(), self.now.since(self.world_time));
-        if behind > GRAIN {
-            let [inner, outer] = seen.leg_rate_rad_s.map(|rate| rate * behind.as_s());
-            seen.leg_angle_rad[0] += inner;
-            seen.leg_angle_rad[1] += outer;
-            seen.hip_encoder_rad += inner - outer;
-        }
-        seen
+        self.world.reading()
     }
 
     /// The world itself, for disturbances.
@@ -252,15 +245,8 @@ impl Plant {
         self.imu.take(self.now, out);
     }
 
-    /// Lets everything happen up to `t`, and brings the world there.
+    /// Lets everything happen up to `t`.
     pub fn advance_to(&mut self, t: Stamp) {
-        self.let_happen(t);
-        self.move_world_to(t);
-    }
-
-    /// Lets everything happen up to `t`. The world stays at the last event that looked at it, a period ago at most: in
-    /// lockstep nobody looks at it in between, and half of all integration steps would be for nothing.
-    pub fn let_happen(&mut self, t: Stamp) {
         while let Some((at, event)) = self.next_event().filter(|(at, _)| *at <= t) {
             self.now = self.now.max(at);
             match event {
@@ -278,6 +264,7 @@ impl Plant {
             }
         }
         self.now = self.now.max(t);
+        self.move_world_to(t);
     }
 
     fn next_event(&mut self) -> Option<(Stamp, Event)> {
