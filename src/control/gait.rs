@@ -20,7 +20,6 @@ pub(super) struct Gait {
 }
 
 #[derive(Clone, Debug)]
-#[expect(clippy::large_enum_variant, reason = "one of it, made before arming")]
 enum Own {
     Placement,
     Virtual(VirtualConstraint),

@@ -119,7 +119,7 @@ pub fn run(
             *laws.entry(record.control.law.name()).or_default() += 1;
         }
         ticks += 1;
-        if ticks % LOOK_TICKS == 0 && !look(part_done(&watch, stop, lockstep.now())) {
+        if ticks.is_multiple_of(LOOK_TICKS) && !look(part_done(&watch, stop, lockstep.now())) {
             return Ok(None);
         }
     };
