@@ -10,7 +10,7 @@
 //! | [`tasks`] | the problems that walking needs: gait, rebalance, step-in, change of speed, stop |
 //! | [`tvlqr`] | gains by time, through impacts (saltation) |
 //! | [`transverse`] | surfaces, periodic Riccati, multipliers |
-//! | [`file`] | motion and gains → `control::tables` |
+//! | [`mod@file`] | motion and gains → `control::tables` |
 //!
 //! RT: no.
 

@@ -3,7 +3,8 @@
 //! About a foot that stands alone only gravity has a moment, whatever torque, friction or spring acts inside the robot. If
 //! the other foot carries the share s of the weight, its force has the moment `s w² d` about this one, d the distance
 //! between the feet in leg lengths. A momentum observer (De Luca 2005) sees it:
-//! `r' = L' - M - r / T`, `r / T → s w² d`, smoothed by a low-pass of the same T, with L = [1,1] H q̇ and M = -[1,1] G for the leg that is supposed to stand.
+//! `r' = L' - M - r / T`, `r / T → s w² d`, smoothed by a low-pass of the same T, with `L = [1,1] H q̇` and
+//! `M = -[1,1] G` for the leg that is supposed to stand.
 //!
 //! It needs no contact sensor, so it affirms what the toe springs say, notices a touchdown that they missed, and takes back
 //! one that never was. It is blind while the feet are side by side: d = 0.

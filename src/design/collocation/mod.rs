@@ -1,4 +1,4 @@
-//! Direct collocation: a [`Problem`] becomes a program, Hermite-Simpson in its compressed form. RT: no.
+//! Direct collocation: a [`Problem`](crate::design::problem::Problem) becomes a program, Hermite-Simpson in its compressed form. RT: no.
 //!
 //! Unknowns are the states and torques at the knots, the torques at the midpoints and the durations; the midpoint's
 //! state follows from its neighbours: `x_m = (x0 + x1)/2 + h/8 (f0 - f1)`, and the defect is

@@ -6,7 +6,7 @@
 //! - [`signals`]: measured against simulated, residuals, laws
 //! - [`numbers`]: tables and the ranking
 //! - [`identified`]: the page of an identification
-//! - [`experiment`]: the page of an experiment of many runs
+//! - [`mod@experiment`]: the page of an experiment of many runs
 //!
 //! RT: no.
 
