@@ -14,7 +14,7 @@ pub(super) struct Measured {
     pub(super) angle_rad: [f64; 2],
     /// Rates with the hip's filtered.
     pub(super) rate_rad_s: [f64; 2],
-    /// Of the IMU's newest sample, if it is new.
+    /// Of an IMU sample, each once.
     pub(super) sampled: Option<Sampled>,
 }
 
@@ -60,9 +60,19 @@ pub(super) struct Sensors {
     imu_age: Span,
     imu_latency: Span,
     hip_age: Span,
+    widest_gap_s: f64,
     hip: Option<HipRate>,
     hips: Past,
     sample: Option<Sample>,
+    waiting: Option<Reading>,
+}
+
+/// An IMU sample that waits for the hip's reading after it: at a slow tick that is always a tick later.
+#[derive(Clone, Copy, Debug)]
+struct Reading {
+    stamp: Stamp,
+    leg_rad: f64,
+    gyro_rad_s: f64,
 }
 
 /// The IMU sample before, with the hip of its time.
@@ -84,8 +94,8 @@ struct HipRate {
 /// Hip readings kept: more than an IMU sample is ever old.
 const KEPT: usize = 32;
 
-/// Readings farther apart say nothing about the rate between them, s.
-const WIDEST_GAP_S: f64 = 0.005;
+/// Hip readings farther apart than so many of their periods say nothing about the rate between them.
+const WIDEST_GAP_PERIODS: f64 = 3.0;
 
 /// The last hip readings.
 #[derive(Clone, Copy, Debug)]
@@ -105,7 +115,7 @@ impl Past {
     }
 
     /// The reading at `t`, between its neighbours; none beyond what is kept.
-    fn at(&self, t: Stamp) -> Option<f64> {
+    fn at(&self, t: Stamp, widest_gap_s: f64) -> Option<f64> {
         let (mut before, mut after) = (None::<(Stamp, f64)>, None::<(Stamp, f64)>);
         for &(stamp, angle) in self.readings.iter().filter(|(stamp, _)| *stamp != Stamp::NEVER) {
             if stamp == t {
@@ -119,7 +129,7 @@ impl Past {
         }
         let ((from, a), (to, b)) = (before?, after?);
         let span_s = to.since(from).as_s();
-        if span_s > WIDEST_GAP_S {
+        if span_s > widest_gap_s {
             return None;
         }
         Some(a + (b - a) * t.since(from).as_s() / span_s)
@@ -127,7 +137,9 @@ impl Past {
 }
 
 impl Sensors {
-    pub(super) fn new(robot: &Robot, attitude_time_s: f64) -> Self {
+    /// `period`: of the ticks.
+    pub(super) fn new(robot: &Robot, attitude_time_s: f64, period: Span) -> Self {
+        let [hip_drive, ..] = &robot.drives;
         Self {
             attitude: Attitude::new(attitude_time_s),
             imu_sign: robot.imu.sign,
@@ -135,9 +147,11 @@ impl Sensors {
             imu_age: robot.limits.imu_age,
             imu_latency: robot.imu.latency,
             hip_age: robot.limits.drive_age,
+            widest_gap_s: WIDEST_GAP_PERIODS * f64::from(hip_drive.sync_divisor) * period.as_s(),
             hip: None,
             hips: Past::EMPTY,
             sample: None,
+            waiting: None,
         }
     }
 
@@ -146,6 +160,7 @@ impl Sensors {
         self.hip = None;
         self.hips = Past::EMPTY;
         self.sample = None;
+        self.waiting = None;
     }
 
     /// Both legs at the tick's time, the attitude less `bias_rad`. `None` while a source is silent or too old.
@@ -167,24 +182,30 @@ impl Sensors {
         Some(Measured {
             angle_rad: [inner, inner - hip],
             rate_rad_s: [gyro, gyro - hip_now.rate_rad_s],
-            sampled: self.sampled(s, leg_rad - bias_rad),
+            sampled: self.sampled(s, leg_rad, bias_rad),
         })
     }
 
-    /// Both legs at the IMU's newest sample, once.
-    fn sampled(&mut self, s: &Snapshot, inner_rad: f64) -> Option<Sampled> {
-        let stamp = s.stamp - s.imu_age - self.imu_latency;
+    /// Both legs at the IMU's oldest sample that was not used yet and has hip readings around it.
+    fn sampled(&mut self, s: &Snapshot, leg_rad: f64, bias_rad: f64) -> Option<Sampled> {
+        let newest = Reading { stamp: s.stamp - s.imu_age - self.imu_latency, leg_rad, gyro_rad_s: s.leg_rate_rad_s };
+        let Reading { stamp, leg_rad, gyro_rad_s } = self.waiting.filter(|w| w.stamp < newest.stamp).unwrap_or(newest);
         let last = self.sample;
         if last.is_some_and(|last| stamp <= last.stamp) {
             return None;
         }
-        // A sample newer than the hip's reading waits for the next one.
-        let hip_rad = self.hips.at(stamp)?;
-        let gyro_rad_s = s.leg_rate_rad_s;
+        let hip_rad = self.hips.at(stamp, self.widest_gap_s);
+        if hip_rad.is_none() && self.hip.is_some_and(|hip| stamp > hip.stamp) {
+            self.waiting = Some(Reading { stamp, leg_rad, gyro_rad_s });
+            return None;
+        }
+        self.waiting = Some(newest).filter(|w| w.stamp > stamp);
+        let hip_rad = hip_rad?;
         self.sample = Some(Sample { stamp, gyro_rad_s, hip_rad });
         let last = last?;
         let dt_s = stamp.since(last.stamp).as_s();
         let (gyro, hip) = (0.5 * (gyro_rad_s + last.gyro_rad_s), (hip_rad - last.hip_rad) / dt_s);
+        let inner_rad = leg_rad - bias_rad;
         Some(Sampled { angle_rad: [inner_rad, inner_rad - hip_rad], rate_rad_s: [gyro, gyro - hip], dt_s })
     }
 

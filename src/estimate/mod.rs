@@ -47,7 +47,7 @@ use weight::Weight;
 /// Longest gap that the observer bridges with its model; after more it starts again.
 const LONGEST_GAP: Span = Span::from_ms(50);
 
-/// IMU periods after which the momentum is carried on no longer.
+/// Periods of the IMU, or of a slower tick, after which the momentum is carried on no longer.
 const SAMPLES: f64 = 3.0;
 
 /// So long after a touchdown the bias learns nothing: rates are means over some ms, and the legs ring.
@@ -98,6 +98,8 @@ impl Estimator {
     /// [`EstimatorError::TooSlow`] when ε exceeds the slow-model limit on either leg.
     pub fn new(config: &Config) -> Result<Self, EstimatorError> {
         let (robot, control) = (&config.robot, &config.control);
+        let period = config.real_time.period;
+        let imu_period_s = 1.0 / f64::from(robot.imu.rate_hz.max(1));
         let params = robot.model.params();
         let spring = robot.model.hip_elasticity.map(|e| e.elasticity());
         let models = [params, params.swapped()].map(|p| StanceModel::new(&p, spring.as_ref()));
@@ -111,14 +113,14 @@ impl Estimator {
             models,
             torque_unit_nm: params.inertia_kg_m2(),
             first_stance: control.stance,
-            sensors: Sensors::new(robot, control.attitude_time_s),
+            sensors: Sensors::new(robot, control.attitude_time_s, period),
             stance: control.stance,
             state: None,
             bias: BiasObserver::new(control.bias_time_s),
             touchdown: Detector::new(control.touchdown_spring_m),
             weight: Weight::default(),
             leg_m: params.leg_length_m,
-            longest_interval_s: SAMPLES / f64::from(robot.imu.rate_hz.max(1)),
+            longest_interval_s: SAMPLES * imu_period_s.max(period.as_s()),
             innovation_rad: [0.0; 2],
             last: Stamp::NEVER,
             landed: Stamp::NEVER,
