@@ -3,12 +3,12 @@
 //! RT: no.
 
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::tried::{Context, MOST_EFFORT};
+use crate::diagnose::judge::accept::has_slack_spring;
+use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::tried::MOST_EFFORT;
 use crate::identify::fit::{Limits, Point, fit};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
-use crate::model::resonance::resonance_hz;
-use crate::model::rig::Rig;
 use std::sync::Arc;
 
 /// A candidate's fit may cost so many linearisations of the model that it is added to. A stiff spring that is the answer
@@ -46,17 +46,7 @@ pub(super) fn within(
     let problem = Problem { effort: Arc::clone(&base.problem.effort), ..problem };
     let hypothesis =
         fit.cost.is_finite().then(|| Hypothesis::at(problem, fit.point, fit.information, &context.floors))?;
-    hypothesis.filter(|h| !is_slack(&h.rig, context.given, h.problem.longest_s()))
-}
-
-/// Fewer swings than this within a window are no resonance that the window shows.
-const LEAST_SWINGS: f64 = 0.5;
-
-/// True if one of the effects beyond the first `given` is a spring so soft that within a window it moves nothing: the link then
-/// coasts from its fitted start, which explains any slow motion and no force.
-fn is_slack(rig: &Rig, given: usize, window_s: f64) -> bool {
-    let mut hz = rig.effects.iter().skip(given).filter_map(|effect| resonance_hz(rig, effect));
-    hz.any(|hz| hz * window_s < LEAST_SWINGS)
+    hypothesis.filter(|h| !has_slack_spring(&h.rig, context.given, h.problem.longest_s()))
 }
 
 #[cfg(test)]
@@ -86,22 +76,5 @@ mod tests {
         let (cut, less) = fit(start.cost_of_linearisation() / 2);
         assert!(less < cost, "{less} of {cost}");
         assert!(cut.is_none_or(|h| (lag(&h) / 0.02 - 1.0).abs() > 0.05), "half a linearisation is not enough");
-    }
-
-    #[test]
-    fn a_spring_that_moves_nothing_within_a_window_is_slack_wherever_it_stands() {
-        let rig = |stiffness: f64| {
-            let text = format!(
-                "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
-                 [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n\
-                 [[effect]]\neffect = \"joint_elasticity\"\nat = \"q1\"\nstiffness = {stiffness}\ndamping = 0.0001\n\
-                 rotor_inertia = 0.004\n{FREE_LAG}"
-            );
-            Rig::parse(&text, "rig.toml").unwrap()
-        };
-        // sqrt(k (1 / 0.004 + 1 / 0.006)) / 2 pi: 0.18 Hz and 18 Hz.
-        assert!(is_slack(&rig(0.003), 0, 2.0) && !is_slack(&rig(30.0), 0, 2.0));
-        assert!(!is_slack(&rig(0.003), 0, 4.0), "a longer window shows it");
-        assert!(!is_slack(&rig(0.003), 1, 2.0), "what was given is not asked");
     }
 }

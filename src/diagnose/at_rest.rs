@@ -3,13 +3,16 @@
 //! RT: no.
 
 use crate::diagnose::allowance::{allowance, within};
-use crate::diagnose::belief::{is_found, is_piece};
 use crate::diagnose::carry::goes_on;
-use crate::diagnose::contest::{in_its_place, is_better};
+use crate::diagnose::contest::in_its_place;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::accept::is_admissible;
+use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::exchange::takes_its_place;
+use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::stragglers::reseated;
-use crate::diagnose::tried::{Added, Context, Trial, left_out};
+use crate::diagnose::tried::{Added, Trial, left_out};
 use crate::identify::fit::Limits;
 use rayon::prelude::*;
 
@@ -48,7 +51,7 @@ pub fn at_rest(mut found: Hypothesis, mut added: Vec<Added>, context: &Context) 
         let takes_it = |t: &Trial| {
             let same_company = t.hypothesis.rig.effects.len() == found.rig.effects.len();
             same_company
-                && is_better(&found, t, a, a.gain, context)
+                && takes_its_place(&found, t, a, a.gain, context)
                 && is_admitted(&found, t, context.given + i, context)
         };
         let better = (0..a.others.len()).filter(|k| takes_it(&a.others[*k]));
@@ -70,13 +73,13 @@ fn is_admitted(found: &Hypothesis, trial: &Trial, e: usize, context: &Context) -
         !trial.candidate.has_inner_states()
             || left_out(found, e, context).is_none_or(|without| goes_on(&without, &trial.hypothesis, &context.floors))
     };
-    !is_piece(found, trial, context) && is_found(&trial.hypothesis, e, context) && goes_on()
+    !is_overly_flexible(found, trial, context) && is_admissible(&trial.hypothesis, e, context) && goes_on()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::tried::compare;
+    use crate::diagnose::judge::criterion::compare;
     use crate::diagnose::tried::worked::{Shown, shown};
 
     const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = ";

@@ -5,15 +5,20 @@
 //! RT: no.
 
 use crate::diagnose::base::anew;
-use crate::diagnose::belief::{LEAST_KEPT, believed, is_found, is_patched, is_shaken, is_unresolved, simplest_first};
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::contest::reconsidered;
 use crate::diagnose::folds::LeftOut;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::accept::{is_accepted, is_admissible, is_piece_of_vibration};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
+use crate::diagnose::judge::exchange::only_freed_the_fit;
+use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here};
+use crate::diagnose::judge::numbers::{KEPT, LOCAL_TERMS};
+use crate::diagnose::judge::simplicity::order_by_penalised_gain;
+use crate::diagnose::judge::verdict::is_far_beyond_chance;
 use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::round::{merged, promises_little, round};
-use crate::diagnose::tried::{Added, Context, MOST_EFFORT, Trial, compare, left_out, removed, worth};
-use crate::diagnose::unlisted::PATCHES;
+use crate::diagnose::tried::{Added, MOST_EFFORT, Trial, left_out};
 use crate::diagnose::valley::wandered;
 use crate::model::rig::Rig;
 use rayon::prelude::*;
@@ -45,7 +50,7 @@ pub struct Selection {
 impl Selection {
     /// Adds `best`; the rest of the last round are its rivals.
     fn add(&mut self, best: Trial, context: &Context) {
-        let removed = removed(&self.found, &best.hypothesis, context);
+        let removed = explained_part(&self.found, &best.hypothesis, context);
         let others = std::mem::take(&mut self.last);
         self.added.push(Added { candidate: best.candidate, others, gain: best.gain, removed });
         self.found = best.hypothesis;
@@ -63,9 +68,6 @@ impl Selection {
 /// How often a selection may start again from a better base.
 const RESTARTS: usize = 3;
 
-/// Part of a candidate's gain that stays when it is taken out again, from which the gain was not its own.
-const NOT_ITS_OWN: f64 = 0.5;
-
 /// `now` fitted again from where `trial` stands, its effect taken out; `None` if the effect is what brings the gain.
 ///
 /// A fit that ended in a false minimum is improved by anything that shakes it (a touchdown one row off, a stick that
@@ -74,12 +76,12 @@ fn shaken_free(now: &Hypothesis, trial: &Trial, context: &Context) -> Option<Hyp
     let without = left_out(&trial.hypothesis, now.rig.effects.len(), context)?;
     let total = |h: &Hypothesis| -> f64 { h.blocks(&trial.hypothesis.noise).iter().sum() };
     let (before, after, with) = (total(now), total(&without), total(&trial.hypothesis));
-    (after - before > NOT_ITS_OWN * (with - before)).then_some(without)
+    only_freed_the_fit(before, with, after).then_some(without)
 }
 
 /// [`shaken_free`] by the first of the last round, if it gains what would be worth it.
 fn shaken_by_leader(all: &Selection, context: &Context) -> Option<Hypothesis> {
-    let leader = all.last.first().filter(|t| t.gain > worth(context, t.candidate.keys.len()))?;
+    let leader = all.last.first().filter(|t| t.gain > detection_threshold(context, t.candidate.keys.len()))?;
     shaken_free(&all.found, leader, context)
 }
 
@@ -105,7 +107,7 @@ const LEADS: f64 = 0.3;
 /// stands better then.
 fn anew_from(given: &Rig, all: &mut Selection, context: &Context) -> bool {
     let most = all.last.first().map_or(0.0, |t| t.gain);
-    let leads = |t: &&Trial| t.gain > (LEADS * most).max(worth(context, t.candidate.keys.len()));
+    let leads = |t: &&Trial| t.gain > (LEADS * most).max(detection_threshold(context, t.candidate.keys.len()));
     let leaders: Vec<&Trial> = all.last.iter().filter(leads).take(ANEW).collect();
     let one = |trial: &Trial| {
         let from = &trial.hypothesis;
@@ -116,7 +118,7 @@ fn anew_from(given: &Rig, all: &mut Selection, context: &Context) -> bool {
         rig.effects.push(from.rig.effects.last()?.clone());
         rig.sensors.clone_from(&from.rig.sensors);
         let hypothesis = anew(&from.problem, &rig, &context.floors)?;
-        let further = hypothesis.likelihood - from.likelihood > worth(context, 0);
+        let further = hypothesis.likelihood - from.likelihood > detection_threshold(context, 0);
         further.then(|| Trial { hypothesis, ..trial.clone() })
     };
     let better: Vec<Trial> = leaders.into_par_iter().filter_map(one).collect();
@@ -175,17 +177,17 @@ pub fn forward(
             }
         }
         tell(&all.last, context, &mut said);
-        let patches = all.added.iter().filter(|a| is_patched(&all.found, &a.candidate)).count();
-        if all.added.len() >= MOST || patches >= PATCHES {
+        let local = all.added.iter().filter(|a| is_local_here(&all.found, &a.candidate)).count();
+        if all.added.len() >= MOST || local >= LOCAL_TERMS {
             return all;
         }
-        simplest_first(&mut all.last, context);
+        order_by_penalised_gain(&mut all.last, context);
         // Before the recordings left out are asked: what they say of a false minimum is as false.
         let mut shaken = shaken_by_leader(&all, context).filter(|_| restarts < RESTARTS);
         if shaken.is_some() && all.added.is_empty() && anew_from(given, &mut all, context) {
             said("   fitted anew from the numbers as given");
             tell(&all.last, context, &mut said);
-            simplest_first(&mut all.last, context);
+            order_by_penalised_gain(&mut all.last, context);
             shaken = shaken_by_leader(&all, context);
         }
         if let Some(better) = shaken {
@@ -200,13 +202,18 @@ pub fn forward(
         let mut asked = 0..all.last.len().min(TRIED);
         let told = |i: &usize| {
             let (trial, rivals) = (&all.last[*i], &all.last[..]);
-            !is_unresolved(&all.found, trial, rivals, context) && !is_shaken(trial, rivals, context)
+            !has_unresolved_order(&all.found, trial, rivals, context) && !is_piece_of_vibration(trial, rivals, context)
         };
-        let believed = asked.find(|i| {
+        let accepted = asked.find(|i| {
             let trial = (&all.last[*i], &all.last[..]);
-            told(i) && believed(&all.found, &left_out, trial, explained, context, &mut said)
+            let hypothesis = &trial.0.hypothesis;
+            let kept = || {
+                let left_out = left_out.get_or_init(|| LeftOut::of(&all.found, &context.floors)).as_ref();
+                left_out.and_then(|l| l.kept_by(hypothesis, &context.floors))
+            };
+            told(i) && is_accepted(&all.found, trial, explained, kept, context, &mut said)
         });
-        let Some(i) = believed else {
+        let Some(i) = accepted else {
             let time_is_left = all.found.problem.effort.spent() + last_cost <= MOST_EFFORT + in_vain;
             let left_out = left_out.get().and_then(Option::as_ref).filter(|_| all.added.is_empty() && time_is_left);
             let Some(pair) = left_out.and_then(|l| in_company(&all, &mut library, l, context, &mut said)) else {
@@ -237,9 +244,8 @@ pub fn forward(
     }
 }
 
-/// Leaders of a first round, one of each kind, that are tried in company, and what such a leader gains in parts of [`worth`].
+/// Leaders of a first round, one of each kind, that are tried in company.
 const COMPANIONS: usize = 3;
-const LOUD: f64 = 2.0;
 
 /// A leader that does not hold on recordings left out, and the effect that makes it hold: two that hide each other look, one
 /// at a time, like nothing that is true (an offset beside friction that falls with speed). Both together must leave but noise.
@@ -251,10 +257,10 @@ fn in_company(
     mut said: impl FnMut(&str),
 ) -> Option<[Trial; 2]> {
     let mut leaders: Vec<&Trial> = Vec::new();
-    for trial in all.last.iter().filter(|t| t.gain > LOUD * worth(context, t.candidate.keys.len())) {
+    for trial in all.last.iter().filter(|t| is_far_beyond_chance(t.gain, t.candidate.keys.len(), context)) {
         let e = trial.hypothesis.rig.effects.len() - 1;
         let is_new = leaders.iter().all(|l| l.candidate.effect != trial.candidate.effect);
-        if is_new && !is_patched(&all.found, &trial.candidate) && is_found(&trial.hypothesis, e, context) {
+        if is_new && !is_local_here(&all.found, &trial.candidate) && is_admissible(&trial.hypothesis, e, context) {
             leaders.push(trial);
         }
     }
@@ -270,14 +276,14 @@ fn in_company(
         said(&format!("   with {}@{} for company", leader.candidate.effect, leader.candidate.at));
         let mut seconds = round(now, (now, Vec::new()), &library(now), context, &mut said);
         tell(&seconds, context, &mut said);
-        simplest_first(&mut seconds, context);
+        order_by_penalised_gain(&mut seconds, context);
         let Some(second) = seconds.first().filter(|s| !is_misfit(&s.hypothesis.residuals, &context.floors)) else {
             continue;
         };
         let kept = left_out.kept_by(&second.hypothesis, &context.floors).unwrap_or(0.0);
         said(&format!("   with {} both keep {kept:.2} of their gain on recordings left out", second.candidate.effect));
-        let alone = OnceCell::new();
-        if kept >= LEAST_KEPT && believed(now, &alone, (second, &seconds), leader.gain, context, &mut said) {
+        let alone = || LeftOut::of(now, &context.floors)?.kept_by(&second.hypothesis, &context.floors);
+        if kept >= KEPT && is_accepted(now, (second, &seconds), leader.gain, alone, context, &mut said) {
             return Some([leader.clone(), second.clone()]);
         }
     }

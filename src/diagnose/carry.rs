@@ -9,6 +9,7 @@
 
 use crate::diagnose::base::known;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::continuity::{is_continuous, is_shaken_from_elsewhere};
 use crate::diagnose::likelihood::{Residuals, blocks, white};
 use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit_states};
 use crate::identify::problem::Problem;
@@ -45,13 +46,10 @@ pub fn carried(plain: &Hypothesis, richer: &Hypothesis, floors: &[f64]) -> Optio
     (free > 0.0).then(|| left / free)
 }
 
-/// Smallest part of its gain that an effect must keep when its inner states go on from window to window.
-const LEAST_CARRIED: f64 = 0.5;
-
 /// True if the inner states that `richer` adds to `plain`, if any, may go on from window to window.
 #[must_use]
 pub fn goes_on(plain: &Hypothesis, richer: &Hypothesis, floors: &[f64]) -> bool {
-    carried(plain, richer, floors).is_none_or(|kept| kept >= LEAST_CARRIED)
+    is_continuous(carried(plain, richer, floors))
 }
 
 /// True if `richer` has inner states that `plain` has not.
@@ -64,7 +62,7 @@ pub fn has_more_states(plain: &Hypothesis, richer: &Hypothesis) -> bool {
 /// True if effect `e` of `of` is a mode of a link that does not die away within a recording and owes most of what it explains
 /// to how it rings at the start: what sustains it is no motion of the link but something that shakes the machine.
 #[must_use]
-pub fn rings_by_itself(of: &Hypothesis, e: usize, floors: &[f64]) -> bool {
+pub fn is_externally_driven(of: &Hypothesis, e: usize, floors: &[f64]) -> bool {
     let Some(effect) = of.rig.effects.get(e).filter(|e| e.kind == EffectKind::LinkFlexibility) else { return false };
     let [Some(hz), Some(damping)] = ["frequency", "damping"].map(|key| effect.get(key)) else { return false };
     if damping.value * TAU * hz.value * of.problem.longest_recording_s() > 1.0 {
@@ -82,7 +80,7 @@ pub fn rings_by_itself(of: &Hypothesis, e: usize, floors: &[f64]) -> bool {
     else {
         return false;
     };
-    ringing > none && driven - none < LEAST_CARRIED * (ringing - none)
+    is_shaken_from_elsewhere(ringing, driven, none)
 }
 
 /// The residuals of `of` with `rig`'s numbers held and inner states that go on from window to window: from the first
@@ -186,7 +184,7 @@ mod tests {
         let rms = |h: &Hypothesis| h.residuals[0].concat().iter().map(|r| r * r).sum::<f64>();
         let best = exact.iter().min_by(|a, b| rms(a).total_cmp(&rms(b))).unwrap();
         assert!(rms(best) < 1e-12, "{}", rms(best));
-        rings_by_itself(best, 0, &floors)
+        is_externally_driven(best, 0, &floors)
     }
 
     #[test]

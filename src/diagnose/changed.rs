@@ -5,16 +5,18 @@
 //! base is fitted to what was before and to what is after, each with numbers of its own.
 //! RT: no.
 
-use crate::diagnose::contest::CLEARLY;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::exchange::is_clear;
+use crate::diagnose::judge::nameless::change_is_ahead;
+use crate::diagnose::judge::numbers::CHANGED;
+use crate::diagnose::judge::verdict::{Estimate, Place};
 use crate::diagnose::likelihood::{Residuals, blocks, colours, is_misfit, white};
 use crate::diagnose::linearise::tangents;
 use crate::diagnose::scan::change;
 use crate::diagnose::screen::Screen;
 use crate::diagnose::tables::estimates;
 use crate::diagnose::tangent::Tangent;
-use crate::diagnose::tried::{Context, worth};
-use crate::diagnose::verdict::{Estimate, Place};
 use crate::identify::fit::{FreeRuns, Limits, Point, Series};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
@@ -23,14 +25,8 @@ use rayon::prelude::*;
 /// Most effort of the fits: a base fit that starts near its end takes a tenth of it.
 const MOST: u64 = 50_000_000;
 
-/// Least part of the listed effects' gain by which two machines must be ahead of them: a form is never exact.
-const AHEAD: f64 = 0.1;
-
 /// Steps of the search for the instant, in parts of the recording.
 const STEPS: [f64; 3] = [0.05, 0.02, 0.01];
-
-/// A number changed if it did by so many deviations.
-const CHANGED: f64 = 3.0;
 
 /// The base with other numbers before and after an instant of one recording; the other recordings are as before.
 pub struct Changed {
@@ -67,7 +63,7 @@ impl Changed {
         for step_s in STEPS.map(|part| part * length_s) {
             for way in [-step_s, step_s] {
                 while let Some(other) = Self::at(base, (best.recording, best.from_s + way), context)
-                    && total(&other) > total(&best) + CLEARLY
+                    && is_clear(total(&other) - total(&best))
                 {
                     best = other;
                 }
@@ -116,7 +112,7 @@ impl Changed {
         }
         let listed = self.ahead_of(base) - self.ahead_of(found);
         let numbers = self.after.point.parameters.len() + self.after.point.states.first().map_or(0, Vec::len);
-        self.ahead_of(found) > worth(context, numbers).max(AHEAD * listed)
+        change_is_ahead(self.ahead_of(found), listed, numbers, context)
     }
 
     /// The numbers that changed, the surest first: name, before, after.

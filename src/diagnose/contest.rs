@@ -4,10 +4,13 @@
 //! RT: no.
 
 use crate::diagnose::allowance::{allowance, within};
-use crate::diagnose::belief::{ENOUGH, LIMITS_OF, is_found, is_piece, is_sure};
 use crate::diagnose::carry::goes_on;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::tried::{Added, Context, Trial, compare, left_out, worth};
+use crate::diagnose::judge::accept::is_admissible;
+use crate::diagnose::judge::criterion::{Context, compare};
+use crate::diagnose::judge::exchange::{earns_its_place, takes_its_place};
+use crate::diagnose::judge::flexibility::is_overly_flexible;
+use crate::diagnose::tried::{Added, Trial, left_out};
 use crate::identify::fit::Limits;
 use crate::model::rig::{Effect, Rig};
 use rayon::prelude::*;
@@ -25,15 +28,14 @@ pub fn contested(found: Hypothesis, mut added: Vec<Added>, context: &Context) ->
     while i < added.len() {
         let Some(without) = left_out(&found, first + i, context) else { break };
         let kept = compare(&found, &without, context);
-        let (total, candidate) = (kept.total, &added[i].candidate);
-        if total < worth(context, candidate.keys.len()) || !is_sure(candidate, total, kept, context) {
+        if !earns_its_place(&added[i].candidate, kept, context) {
             found = without;
             added.remove(i);
             continue;
         }
         added[i].gain = kept.total;
         let rivals = exchanged(&found, &added[i], first + i, context, CLOSE * leading(&added[i]));
-        if let Some(better) = rivals.first().filter(|r| is_better(&found, r, &added[i], kept.total, context)) {
+        if let Some(better) = rivals.first().filter(|r| takes_its_place(&found, r, &added[i], kept.total, context)) {
             let old = Trial { candidate: added[i].candidate.clone(), hypothesis: found, gain: kept.total };
             (found, added[i].candidate) = (better.hypothesis.clone(), better.candidate.clone());
             added[i].others = [vec![old], rivals[1..].to_vec()].concat();
@@ -54,13 +56,6 @@ pub(super) fn in_its_place(rig: &Rig, trial: &Trial, e: usize) -> Option<Rig> {
         rig.sensors.clone_from(&trial.hypothesis.rig.sensors);
     }
     Some(rig)
-}
-
-/// True if `rival` should stand in the place of `added`, whose gain is `kept`.
-pub(super) fn is_better(found: &Hypothesis, rival: &Trial, added: &Added, kept: f64, context: &Context) -> bool {
-    let richer = LIMITS_OF.contains(&(added.candidate.effect, rival.candidate.effect));
-    let least = if richer { (1.0 - ENOUGH) * kept } else { 0.0 };
-    compare(found, &rival.hypothesis, context).total < -least.max(CLEARLY)
 }
 
 /// Part of the best rival's gain from which a rival is close.
@@ -87,7 +82,8 @@ pub fn reconsidered(
     for i in 0..added.len().saturating_sub(1) {
         let own = added[i].gain;
         let rivals = exchanged(&found, &added[i], first + i, context, NEAR * own);
-        let Some(better) = rivals.into_iter().next().filter(|r| is_better(&found, r, &added[i], own, context)) else {
+        let Some(better) = rivals.into_iter().next().filter(|r| takes_its_place(&found, r, &added[i], own, context))
+        else {
             continue;
         };
         let (before, after) = (&added[i].candidate, &better.candidate);
@@ -100,13 +96,10 @@ pub fn reconsidered(
     found
 }
 
-/// Twice the log-likelihood from which a swap is better.
-pub(super) const CLEARLY: f64 = 10.0;
-
 /// The rivals of effect `e` that gained more than `least`, fitted in its place, as far as they are believable; best first,
 /// gains relative to leaving it out.
 fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context, least: f64) -> Vec<Trial> {
-    let admitted = added.others.iter().filter(|t| !is_piece(found, t, context));
+    let admitted = added.others.iter().filter(|t| !is_overly_flexible(found, t, context));
     let close: Vec<&Trial> = admitted.filter(|t| t.gain > least).take(4).collect();
     let (most, limits) = (allowance(found), Limits { iterations: 10, tolerance: 1e-5 });
     let one = |trial: &&Trial| {
@@ -116,7 +109,7 @@ fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context, lea
         Some(Trial { candidate: trial.candidate.clone(), hypothesis, gain: added.gain - behind })
     };
     let mut out: Vec<Trial> = close.par_iter().filter_map(one).collect();
-    out.retain(|trial| is_found(&trial.hypothesis, e, context));
+    out.retain(|trial| is_admissible(&trial.hypothesis, e, context));
     if out.iter().any(|trial| trial.candidate.has_inner_states()) {
         let without = left_out(found, e, context);
         let goes_on = |t: &Trial| without.as_ref().is_none_or(|w| goes_on(w, &t.hypothesis, &context.floors));

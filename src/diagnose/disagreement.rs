@@ -3,6 +3,7 @@
 //! RT: no.
 
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::pooling::{asks_for_separate_fits, disagrees, is_explained, is_unfollowed};
 use crate::diagnose::likelihood::white;
 use crate::diagnose::unlisted::Unlisted;
 use crate::identify::fit::{Limits, Point};
@@ -11,16 +12,6 @@ use crate::identify::problem::Problem;
 use crate::identify::rollout::Pooled;
 use crate::report::table::number;
 
-/// Residuals that fall by this factor when each recording is fitted alone ask whether all are of one machine.
-const ALONE: f64 = 3.0;
-
-/// A residual within this factor of the sample-to-sample noise is explained.
-const EXPLAINED: f64 = 2.0;
-
-/// A residual of so many times the noise of neighbouring samples that is this part of the channel's spread is no agreement.
-const UNFOLLOWED: f64 = 5.0;
-const MOSTLY: f64 = 0.3;
-
 /// The answer where nothing was found and a channel does not follow all the same: its sign, its column, its place.
 #[must_use]
 pub fn unfollowed(of: &Hypothesis, floors: &[f64]) -> Option<Unlisted> {
@@ -28,8 +19,9 @@ pub fn unfollowed(of: &Hypothesis, floors: &[f64]) -> Option<Unlisted> {
         let residual: Vec<f64> = of.residuals[c].iter().flatten().copied().collect();
         let rms = libm::sqrt(residual.iter().map(|x| x * x).sum::<f64>() / residual.len().max(1) as f64);
         let pooled = Pooled::of(&of.rig, of.problem.recordings.iter());
-        let clear = (0..of.problem.recordings.len()).any(|r| over_noise(of, r, c, floors) > UNFOLLOWED);
-        (clear && rms > MOSTLY * pooled.std[c]).then(|| (c, rms / pooled.std[c]))
+        let part = rms / pooled.std[c];
+        let is_lost = |r: usize| is_unfollowed(over_noise(of, r, c, floors), part);
+        (0..of.problem.recordings.len()).any(is_lost).then_some((c, part))
     };
     let channels = (0..of.rig.sensors.len()).filter(|c| floors[*c].is_finite());
     let (c, part) = channels.filter_map(worst).max_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -48,7 +40,7 @@ pub fn unfollowed(of: &Hypothesis, floors: &[f64]) -> Option<Unlisted> {
 #[must_use]
 pub fn no_common_machine(base: &Hypothesis, found: &Hypothesis, floors: &[f64]) -> Option<Unlisted> {
     let count = found.problem.recordings.len();
-    if (0..count).all(|r| excess(found, r, floors) <= EXPLAINED) {
+    if (0..count).all(|r| is_explained(excess(found, r, floors))) {
         return None;
     }
     let text = disagreement(base, floors)?;
@@ -65,13 +57,13 @@ pub(super) fn disagreement(of: &Hypothesis, floors: &[f64]) -> Option<String> {
     let noise = white(&of.residuals, floors);
     // Cheap first: nothing to ask for where the common fit explains everything.
     let together: Vec<f64> = (0..count).map(|r| excess(of, r, floors)).collect();
-    if together.iter().all(|x| *x < ALONE) {
+    if !together.iter().any(|x| asks_for_separate_fits(*x)) {
         return None;
     }
     // The first that is not explained even by itself ends the search: physics is missing there, not a parameter.
-    let explained = |r: usize| alone(of, r, &noise, floors).filter(|a| excess(a, 0, floors) <= EXPLAINED);
+    let explained = |r: usize| alone(of, r, &noise, floors).filter(|a| is_explained(excess(a, 0, floors)));
     let alone: Vec<Hypothesis> = (0..count).map(explained).collect::<Option<_>>()?;
-    if !alone.iter().zip(&together).any(|(a, before)| *before > ALONE * excess(a, 0, floors)) {
+    if !alone.iter().zip(&together).any(|(a, before)| disagrees(*before, excess(a, 0, floors))) {
         return None;
     }
     let values: Vec<Vec<f64>> = alone.iter().map(|a| a.problem.values(&a.point.parameters)).collect();

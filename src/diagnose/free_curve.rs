@@ -7,12 +7,13 @@
 //! RT: no.
 
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::nameless::curve_is_ahead;
+use crate::diagnose::judge::verdict::Law;
 use crate::diagnose::laws::band_95;
 use crate::diagnose::likelihood::{is_misfit, white};
 use crate::diagnose::screen::pseudo_inverse;
 use crate::diagnose::tangent::Tangent;
-use crate::diagnose::tried::{Context, compare, worth};
-use crate::diagnose::verdict::Law;
 use crate::identify::fit::Limits;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Scope, Slot, Value};
@@ -27,12 +28,6 @@ const WIDER: f64 = 1.15;
 
 /// Most effort of the fit, about a third of a search.
 const MOST: u64 = 150_000_000;
-
-/// Least part of the listed effects' gain by which the curve must be ahead of them: a form is never exact.
-const AHEAD: f64 = 0.1;
-
-/// What a number brings by chance and a little more, in twice the log-likelihood.
-const CHANCE: f64 = 2.0;
 
 /// Points of the drawn law.
 const POINTS: usize = 120;
@@ -77,15 +72,10 @@ impl FreeCurve {
         if is_misfit(&self.hypothesis.residuals, &context.floors) {
             return false;
         }
-        let ahead = compare(&self.hypothesis, found, context);
-        let numbers = self.hypothesis.point.parameters.len().saturating_sub(found.point.parameters.len());
-        let listed = compare(&self.hypothesis, base, context).total - ahead.total;
-        // Several ripples at one joint are a poor man's free curve, hardly a machine's: they need not be beaten by far.
         let at = base.rig.mechanism.coordinates()[self.joint];
         let is_ripple = |e: &&Effect| e.kind == EffectKind::TorqueRipple && e.at == at;
-        let patched = found.rig.effects[base.rig.effects.len()..].iter().filter(is_ripple).count() > 1;
-        let least = if patched { CHANCE * numbers as f64 } else { worth(context, numbers).max(AHEAD * listed) };
-        ahead.low > 0.0 && ahead.total > least
+        let ripples = found.rig.effects[base.rig.effects.len()..].iter().filter(is_ripple).count() > 1;
+        curve_is_ahead(&self.hypothesis, found, base, ripples, context)
     }
 
     /// The force over the travel with its band of 95 %.

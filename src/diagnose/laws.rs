@@ -4,9 +4,9 @@
 //! RT: no.
 
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::verdict::{Law, Trace};
 use crate::diagnose::narrow::slopes;
 use crate::diagnose::screen::pseudo_inverse;
-use crate::diagnose::verdict::{Law, Trace};
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Rig};
 use nalgebra::DVector;

@@ -2,8 +2,8 @@
 //!
 //! RT: no.
 
+use crate::diagnose::judge::verdict::{Place, Trace};
 use crate::diagnose::narrow::narrowed;
-use crate::diagnose::verdict::{Place, Trace};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Rig, Site};

@@ -1,14 +1,13 @@
 //! L6: what physics is missing in a simulation, from recordings (diagnosis contract, schema 1).
 //!
 //! The walk: noise floor → base fit and detection → where → which of the candidates, alone and together → proof on
-//! recordings that were never fitted → [`verdict`].
+//! recordings that were never fitted → [`judge::verdict`].
 //! RT: no.
 
 mod allowance;
 pub mod at_rest;
 pub mod attribute;
 pub mod base;
-pub mod belief;
 pub mod candidates;
 pub mod carry;
 pub mod changed;
@@ -20,6 +19,7 @@ pub mod free_curve;
 pub mod generator;
 pub mod hypothesis;
 pub mod identification;
+pub mod judge;
 pub mod laws;
 pub mod likelihood;
 pub mod linearise;
@@ -49,4 +49,3 @@ pub mod trial;
 pub mod tried;
 pub mod unlisted;
 pub mod valley;
-pub mod verdict;

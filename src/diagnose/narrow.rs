@@ -4,7 +4,7 @@
 //! RT: no.
 
 use crate::base::spectrum::hann_energy;
-use crate::diagnose::verdict::{Place, Trace};
+use crate::diagnose::judge::verdict::{Place, Trace};
 use crate::identify::experiment::Recording;
 use crate::model::rig::Sensor;
 

@@ -3,11 +3,14 @@
 //! RT: no.
 
 use crate::diagnose::allowance::{allowance, within};
-use crate::diagnose::belief::{LIMITS_OF, is_cut_off};
-use crate::diagnose::contest::{CLEARLY, NEAR, in_its_place};
+use crate::diagnose::contest::{NEAR, in_its_place};
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::accept::is_at_bound;
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
+use crate::diagnose::judge::exchange::is_clear;
+use crate::diagnose::judge::simplicity::LIMITS_OF;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::tried::{Added, Context, MOST_EFFORT, Trial, compare, worth};
+use crate::diagnose::tried::{Added, MOST_EFFORT, Trial};
 use crate::identify::fit::Limits;
 use rayon::prelude::*;
 
@@ -22,7 +25,7 @@ pub fn paired(
     context: &Context,
     said: &mut impl FnMut(&str),
 ) -> Hypothesis {
-    let counts = |t: &&Trial| t.gain > worth(context, t.candidate.keys.len());
+    let counts = |t: &&Trial| t.gain > detection_threshold(context, t.candidate.keys.len());
     let late: Vec<&Trial> = last.iter().filter(counts).take(LATE).collect();
     if late.is_empty() || found.problem.effort.spent() > MOST_EFFORT / 5 * 4 {
         return found;
@@ -42,14 +45,14 @@ pub fn paired(
                 let rig = in_its_place(&found.rig, a, context.given + i)?;
                 let (problem, start) = found.extended(in_its_place(&rig, b, context.given + j)?);
                 let fit = within(most, &found, problem, start, (&found.noise, limits), context)?;
-                let cut_off = [i, j].map(|k| fit.rig.effects.get(context.given + k).is_some_and(is_cut_off));
+                let cut_off = [i, j].map(|k| fit.rig.effects.get(context.given + k).is_some_and(is_at_bound));
                 let ahead = compare(&fit, &found, context).total;
                 // Where misfit stays no form is the true one, and a swap tells nothing.
                 let exact = !is_misfit(&fit.residuals, &context.floors);
                 (exact && cut_off == [false; 2]).then(|| (ahead, fit, [a.candidate.clone(), b.candidate.clone()]))
             };
             let fits: Vec<_> = pairs.into_par_iter().filter_map(fitted).collect();
-            let best = fits.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(ahead, ..)| *ahead > CLEARLY);
+            let best = fits.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(ahead, ..)| is_clear(*ahead));
             let Some((ahead, better, candidates)) = best else { continue };
             let names = candidates.each_ref().map(|c| c.effect);
             said(&format!("   {} and {} instead of two: {ahead:.0} better", names[0], names[1]));

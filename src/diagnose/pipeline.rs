@@ -8,6 +8,12 @@ use crate::diagnose::base::{as_given, fit_recordings, fitted, floors};
 use crate::diagnose::contest::contested;
 use crate::diagnose::disagreement::{no_common_machine, unfollowed};
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::criterion::{Context, compare, explained_part};
+use crate::diagnose::judge::numbers::LONGEST_MEMORY;
+use crate::diagnose::judge::verdict::{
+    Diagnosis, Findings, Law, Missing, Trace, Verdict, is_far_beyond_chance, may_have_missed, refit_is_needed,
+    verdict_of,
+};
 use crate::diagnose::laws;
 use crate::diagnose::likelihood::{is_misfit, memory, samples, squares, white};
 use crate::diagnose::linearise::tangents;
@@ -23,10 +29,9 @@ use crate::diagnose::sets::{answered, rejected};
 use crate::diagnose::spikes::{cleaned, drop_spikes};
 use crate::diagnose::suspicion::{at_bounds, contradicted, suspicions};
 use crate::diagnose::tables::{estimates, headline, parameter_lines, ranking, undetermined_combinations};
-use crate::diagnose::tried::{Added, Context, Trial, compare, removed, worth};
+use crate::diagnose::tried::{Added, Trial};
 use crate::diagnose::unlisted::{Unlisted, unexplained};
 use crate::diagnose::valley::wandered;
-use crate::diagnose::verdict::{Diagnosis, Findings, Law, Missing, Trace, Verdict, verdict_of};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
 use crate::identify::floor::complaints;
@@ -111,7 +116,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     }
     let Selection { base, found, mut added, last, cut_short } = all;
     let refit = compare(&base, &given, &context);
-    let refit_needed = refit.total > worth(&context, base.point.parameters.len()) && refit.low > 0.0;
+    let refit_needed = refit_is_needed(refit, base.point.parameters.len(), &context);
     said(&format!("re-fit gains {:.0}", refit.total));
     said("pairs exchanged");
     let found = paired(found, &mut added, &last, &context, &mut said);
@@ -138,7 +143,7 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
     let answer = Found { given, base, found, added, rest, refit_needed };
     let (clean, more) = cleaned(experiment, &recordings, &answer.explained().rig, &context.floors);
     let mut warnings = warnings(experiment, dropped + more);
-    let rest_matters = removed(&answer.base, &answer.found, &context) < NEARLY_ALL;
+    let rest_matters = may_have_missed(explained_part(&answer.base, &answer.found, &context));
     warnings.extend((cut_short && rest_matters).then(|| CUT_SHORT.to_owned()));
     let explained = answer.explained();
     let said_already =
@@ -159,10 +164,6 @@ fn is_trapped(base: &Hypothesis, experiment: &Experiment) -> bool {
     !at_bounds(&base.clone().with_intervals(), &experiment.rig).is_empty()
 }
 
-/// Longest memory of noise, in samples. Healthy machines of other simulators come to 3.5, filtered noise (a pole of .8) to 5;
-/// mismatches to 200.
-const LONGEST_MEMORY: f64 = 6.0;
-
 /// `base` with its slow noise taken for mismatch, if it has any. A slow mismatch with white noise on top passes for noise of
 /// a long memory, and that swallows whatever would explain it (seen: nine times the noise called consistent).
 fn without_slow_noise(base: &Hypothesis, context: &Context) -> Option<Hypothesis> {
@@ -176,16 +177,10 @@ fn without_slow_noise(base: &Hypothesis, context: &Context) -> Option<Hypothesis
 /// `base` with the noise that the best candidate left, where none was believed though that one gained far more than chance: what
 /// it took away passed for coloured noise (a shaken base for a ringing link without damping).
 fn as_leader_hears(base: &Hypothesis, added: &[Added], last: &[Trial], context: &Context) -> Option<Hypothesis> {
-    let heard = |t: &&Trial| t.gain > FAR_BEYOND_CHANCE * worth(context, t.candidate.keys.len());
+    let heard = |t: &&Trial| is_far_beyond_chance(t.gain, t.candidate.keys.len(), context);
     let leader = last.first().filter(heard).filter(|_| added.is_empty())?;
     Some(Hypothesis { noise: leader.hypothesis.noise.clone(), ..base.clone() })
 }
-
-/// Gain of a candidate, in parts of what is worth naming, that no healthy machine shows: theirs stay below a third of it.
-const FAR_BEYOND_CHANCE: f64 = 2.0;
-
-/// Part of the misfit after which a search that ended early has missed nothing to speak of.
-const NEARLY_ALL: f64 = 0.95;
 
 /// What to say of a search that ended early.
 const CUT_SHORT: &str = "the search for further effects ended at its limit of work: more may be missing than is named; \

@@ -2,7 +2,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::verdict::{Figure, Trace};
+use crate::diagnose::judge::verdict::{Figure, Trace};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::rollout::{FreeRun, Pooled, RolloutError, free_run};
 use crate::model::rig::{Rig, Use};

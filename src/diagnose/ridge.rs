@@ -8,7 +8,7 @@
 //! RT: no.
 
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::tried::Context;
+use crate::diagnose::judge::criterion::Context;
 use crate::identify::fit::Limits;
 use crate::model::effect::EffectKind;
 use crate::model::resonance::resonance_hz;

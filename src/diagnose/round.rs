@@ -8,11 +8,12 @@ use crate::diagnose::allowance::{allowance, within};
 use crate::diagnose::candidates::{Candidate, look_alike};
 use crate::diagnose::carry::{goes_on, has_more_states};
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::criterion::{self, Context, detection_threshold};
 use crate::diagnose::likelihood::{blocks, white};
 use crate::diagnose::screen::{Column, Own, Screen};
 use crate::diagnose::stragglers::reseated;
 use crate::diagnose::thin::{Thin, thinned};
-use crate::diagnose::tried::{Context, MOST_EFFORT, Trial, with_effect, worth};
+use crate::diagnose::tried::{MOST_EFFORT, Trial, with_effect};
 use crate::identify::fit::{FreeRuns, Limits, Series};
 use crate::identify::noise::Colour;
 use crate::model::rig::{Scope, Slot};
@@ -169,15 +170,10 @@ fn look<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour], conte
     Look { thin, ranked, most, samples }
 }
 
-/// True if nothing promises two fifths of what would count: a healthy machine is not worth a dozen fits.
-fn is_little(most: f64, context: &Context) -> bool {
-    !context.is_trapped && most < 0.4 * worth(context, 1)
-}
-
 /// True if no candidate promises enough on top of `base` for a round: a look costs a tenth of one.
 #[must_use]
 pub fn promises_little(base: &Hypothesis, library: &[Candidate], context: &Context) -> bool {
-    is_little(look(base, library, &white(&base.residuals, &context.floors), context).most, context)
+    criterion::promises_little(look(base, library, &white(&base.residuals, &context.floors), context).most, context)
 }
 
 /// All candidates of one round on top of `base`, best first by what they gain. `fitted`: the fit whose misfit is to be
@@ -194,7 +190,7 @@ pub fn round(
     let noise = white(&fitted.residuals, &context.floors);
     let Look { thin, ranked, most, samples } = look(base, library, &noise, context);
     let (few, rule) = thin.as_ref().map_or((base, context), |t| (&t.hypothesis, &t.context));
-    if is_little(most, context) {
+    if criterion::promises_little(most, context) {
         said(&format!("no candidate promises more than {most:.1}: too little"));
         return Vec::new();
     }
@@ -209,7 +205,7 @@ pub fn round(
         Some(Trial { candidate: (*candidate).clone(), hypothesis, gain: 0.0 })
     };
     let effort = || base.problem.effort.spent();
-    let is_curious = base.rig.effects.len() == context.given || most > CURIOUS * worth(context, 1);
+    let is_curious = base.rig.effects.len() == context.given || most > CURIOUS * detection_threshold(context, 1);
     let share = if is_curious { MOST_EFFORT.saturating_sub(effort()) / CURIOSITY } else { 0 };
     let enough = effort() + share;
     let (first, rest) = split(ranked);
@@ -364,7 +360,7 @@ pub fn polish(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
             }
         });
     }
-    if trials.first().is_none_or(|leader| leader.gain < 0.5 * worth(context, 1)) {
+    if trials.first().is_none_or(|leader| leader.gain < 0.5 * detection_threshold(context, 1)) {
         return;
     }
     let count = trials.iter().take(POLISHED).filter(|t| t.gain > 0.5 * trials[0].gain).count();

@@ -2,7 +2,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::verdict::{Estimate, Member, Missing};
+use crate::diagnose::judge::verdict::{Estimate, Member, Missing};
 use std::collections::BTreeMap;
 
 /// A number with three significant digits.

@@ -3,8 +3,9 @@
 //! RT: no.
 
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::tried::{Added, Context, Trial, removed};
-use crate::diagnose::verdict::{Diagnosis, Estimate, ParameterLine, Ranked, Verdict};
+use crate::diagnose::judge::criterion::{Context, explained_part};
+use crate::diagnose::judge::verdict::{Diagnosis, Estimate, ParameterLine, Ranked, Verdict};
+use crate::diagnose::tried::{Added, Trial};
 use crate::identify::identifiability::{Scaled, deviations, undetermined};
 
 /// Free numbers of a hypothesis with their names and scales; numbers over decades are relative already.
@@ -107,7 +108,7 @@ pub fn ranking(base: &Hypothesis, added: &[Added], last: &[Trial], context: &Con
     out.extend(trials.iter().take(11).map(|t| Ranked {
         effect: t.candidate.effect.into(),
         at: t.candidate.place(),
-        explained: removed(base, &t.hypothesis, context),
+        explained: explained_part(base, &t.hypothesis, context),
         gain: t.gain,
         chosen: chosen(t),
     }));

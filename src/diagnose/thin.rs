@@ -6,8 +6,8 @@
 
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::likelihood::samples;
-use crate::diagnose::tried::Context;
 use crate::identify::fit::Point;
 use crate::identify::problem::Problem;
 

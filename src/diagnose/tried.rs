@@ -1,31 +1,16 @@
-//! What the attribution works with: candidates that were fitted, effects that were added, and how two models compare.
+//! What the attribution works with: candidates that were fitted, effects that were added.
 //!
 //! RT: no.
 
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::likelihood::{Difference, difference};
+use crate::diagnose::judge::criterion::Context;
 use crate::identify::fit::Limits;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Rig, Side, Value};
 
 /// A search should end within this effort: some 20 s on two cores. Counted effort gives the same answer on any computer.
 pub const MOST_EFFORT: u64 = 500_000_000;
-
-/// What every round needs.
-#[derive(Clone, Debug)]
-pub struct Context {
-    /// Smallest standard deviation of each channel's residual; infinite: the channel has no weight.
-    pub floors: Vec<f64>,
-    /// Samples that carry weight.
-    pub samples: usize,
-    /// Effects of the rig as given.
-    pub given: usize,
-    /// The base stands at bounds: one step then promises nothing, whatever is missing.
-    pub is_trapped: bool,
-    /// Seed of the bootstraps.
-    pub seed: u64,
-}
 
 /// A candidate, fitted.
 #[derive(Clone, Debug)]
@@ -51,17 +36,6 @@ pub struct Added {
     pub removed: f64,
 }
 
-/// What is worth calling a mismatch.
-///
-/// Twice the log-likelihood must rise by more than a search over a library of some 200 starts brings on healthy data
-/// (below 30 in trials with exact noise), with a margin for rounding and solvers of other simulators (up to 2.5 % of
-/// the number of samples on healthy cases of other simulators), and more for each number that it adds.
-#[must_use]
-pub fn worth(context: &Context, numbers: usize) -> f64 {
-    let samples = context.samples as f64;
-    (0.02 * samples).max(60.0) + numbers as f64 * libm::log(samples.max(2.0))
-}
-
 /// `rig` with `candidate` added at `values`.
 #[must_use]
 pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
@@ -85,23 +59,6 @@ pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
     out
 }
 
-/// How much better `a` is than `b` under the noise that `a` leaves.
-#[must_use]
-pub fn compare(a: &Hypothesis, b: &Hypothesis, context: &Context) -> Difference {
-    difference(&a.blocks(&a.noise), &b.blocks(&a.noise), context.seed)
-}
-
-/// Part of the misfit energy above the noise that `after` removes.
-#[must_use]
-pub fn removed(before: &Hypothesis, after: &Hypothesis, context: &Context) -> f64 {
-    let energy = |h: &Hypothesis| -> f64 {
-        let runs = h.residuals.iter().zip(&after.noise).zip(&context.floors).filter(|(_, f)| f.is_finite());
-        runs.map(|((r, c), _)| r.iter().flatten().map(|x| (x / c.sigma).powi(2)).sum::<f64>()).sum()
-    };
-    let (had, has) = (energy(before), energy(after));
-    if had > 0.0 { (1.0 - has / had).clamp(0.0, 1.0) } else { 0.0 }
-}
-
 /// `found` without its effect number `e`, everything else fitted again.
 #[must_use]
 pub fn left_out(found: &Hypothesis, e: usize, context: &Context) -> Option<Hypothesis> {
@@ -111,19 +68,13 @@ pub fn left_out(found: &Hypothesis, e: usize, context: &Context) -> Option<Hypot
     Hypothesis::fitted(problem, point, &found.noise, &context.floors, Limits { iterations: 10, tolerance: 1e-5 })
 }
 
-/// True if the fit left the candidate's strength at nothing.
-#[must_use]
-pub fn at_zero(trial: &Trial) -> bool {
-    let Some(effect) = trial.hypothesis.rig.effects.last() else { return true };
-    effect.values.iter().all(|v| v.value == 0.0)
-}
-
 /// For tests: a pendulum shaken for 2 s that hides something, and fits of what may stand for it.
 #[cfg(test)]
 pub(crate) mod worked {
-    use super::{Added, Context, Trial};
+    use super::{Added, Trial};
     use crate::diagnose::candidates::Candidate;
     use crate::diagnose::hypothesis::Hypothesis;
+    use crate::diagnose::judge::criterion::Context;
     use crate::identify::fit::Limits;
     use crate::identify::noise::Colour;
     use crate::identify::problem::Problem;

@@ -5,6 +5,11 @@
 use crate::diagnose::changed::Changed;
 use crate::diagnose::free_curve::FreeCurve;
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::criterion::{Context, compare};
+use crate::diagnose::judge::flexibility::is_local_term;
+use crate::diagnose::judge::nameless::{Excess, asks_for_a_fit, beyond_chance, free_force_threshold, is_removed};
+use crate::diagnose::judge::numbers::LOCAL_TERMS;
+use crate::diagnose::judge::verdict::{Law, Member, Missing, Place};
 use crate::diagnose::laws::band_95;
 use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::linearise::tangents;
@@ -12,12 +17,10 @@ use crate::diagnose::scan::{Curve, Over, state_curve, time_curve, vibration};
 use crate::diagnose::screen::Screen;
 use crate::diagnose::sentence;
 use crate::diagnose::tangent::Tangent;
-use crate::diagnose::tried::{Context, compare};
-use crate::diagnose::verdict::{Law, Member, Missing, Place};
 use crate::identify::floor::complaints;
 use crate::identify::noise::{Colour, loss};
 use crate::model::effect::EffectKind;
-use crate::model::rig::{MechanismKind, Rig};
+use crate::model::rig::Rig;
 use std::collections::BTreeMap;
 
 /// A mismatch without a name.
@@ -80,53 +83,48 @@ pub fn unexplained(
     mut said: impl FnMut(&str),
 ) -> Option<(Unlisted, bool)> {
     let listed: f64 = found.blocks(&base.noise).iter().sum::<f64>() - base.blocks(&base.noise).iter().sum::<f64>();
-    // Half of what a listed effect needs per sample: under the base's own noise most of a mismatch passes for colour.
-    // Healthy cases stay below 20.
-    let bar = (0.015 * context.samples as f64).max(80.0);
-    // What shorter steps change as much as noise does bends the runs of a healthy machine: seen to pass for a shaken base.
     let is_rough = !complaints(&base.problem, &base.point, &base.noise).is_empty();
-    let bar = if is_rough { ROUGH * bar } else { bar };
-    let (on_base, excess_base) = structure(base, true, &mut said)?;
+    let threshold = free_force_threshold(context, is_rough);
+    let (force, on_base) = structure(base, true, &mut said)?;
+    let excess = Excess { threshold, on_base, listed };
     let misfit = |h: &Hypothesis| is_misfit(&h.residuals, &context.floors);
-    if excess_base > bar
-        && let Some(changed) = changed(found, base, (&on_base, excess_base, bar), context, &mut said)
+    if excess.counts()
+        && let Some(changed) = changed(found, base, (&force, excess), context, &mut said)
     {
         return Some((changed, true));
     }
-    // A free force over time explains any smooth misfit; a listed effect that removes a good part of it says more.
-    let enough = if on_base.over_time && misfit(base) { SOME } else { MOST };
     let removed = 1.0 - energy(found, base) / energy(base, base);
     said(&format!(
         "  ... listed effects gain {listed:.0} in the same measure, they remove {removed:.2} of the squares"
     ));
-    if patches(found, base) >= PATCHES && excess_base > bar.max(0.7 * listed) {
-        return Some((on_base, true));
+    if local_terms(found, base) >= LOCAL_TERMS && excess.beats_local_terms() {
+        return Some((force, true));
     }
     if found.rig.effects.len() == base.rig.effects.len() {
-        return (excess_base > bar).then_some((on_base, true));
+        return excess.counts().then_some((force, true));
     }
     let left = structure(found, !misfit(found), &mut said);
-    let asked = left.as_ref().filter(|(_, excess)| *excess > HINT).and_then(|(u, _)| u.over_position_of);
+    let asked = left.as_ref().filter(|(_, on_found)| asks_for_a_fit(*on_found)).and_then(|(u, _)| u.over_position_of);
     if let Some(unlisted) = over_position(found, base, asked, context, &mut said) {
         return Some((unlisted, true));
     }
-    let excess_found = left.as_ref().map_or(0.0, |(_, excess)| *excess);
+    let on_found = left.as_ref().map_or(0.0, |(_, on_found)| *on_found);
     // What is left may be the imperfect form of a right effect; where next to nothing is left, the listed say it all.
-    if removed >= enough || excess_found < bar.max(REST * excess_base) {
+    if is_removed(removed, force.over_time && misfit(base)) || excess.leaves_little(on_found) {
         return None;
     }
-    if excess_base > bar.max(1.25 * listed + 60.0) {
-        return Some((on_base, true));
+    if excess.beats_listed() {
+        return Some((force, true));
     }
-    left.filter(|_| excess_found > bar.max(0.3 * listed)).map(|(on_found, _)| (on_found, false))
+    left.filter(|_| excess.counts_on_top(on_found)).map(|(on_top, _)| (on_top, false))
 }
 
-/// Another machine from some instant of a recording on, if that says more than all that was found. `excess_base`: of the
-/// force of `on_base`; `bar`: what counts.
+/// Another machine from some instant of a recording on, if that says more than all that was found. `force`: on the base, with its
+/// excess.
 fn changed(
     found: &Hypothesis,
     base: &Hypothesis,
-    (on_base, excess_base, bar): (&Unlisted, f64, f64),
+    (force, excess): (&Unlisted, Excess),
     context: &Context,
     said: &mut impl FnMut(&str),
 ) -> Option<Unlisted> {
@@ -143,21 +141,15 @@ fn changed(
     // Something that acts all the time may act a little more on one side of an instant than on the other: it is still there.
     let parts = [&changed.before, &changed.after];
     let left: f64 = parts.into_iter().filter_map(|h| structure(h, true, said)).map(|(_, excess)| excess.max(0.0)).sum();
-    if left > bar.max(REST * excess_base) {
+    if !excess.leaves_little(left) {
         return None;
     }
     let changed = changed.nearby(base, context);
-    let at = on_base.entry.one_of.first().map_or("", |member| member.at.as_str());
+    let at = force.entry.one_of.first().map_or("", |member| member.at.as_str());
     let sentence = sentence::changed(at, (name, changed.from_s), &changed.numbers());
     let places = base.rig.sensors.first().map(|s| changed.place(&s.column)).into_iter().collect();
-    Some(Unlisted { entry: nameless(at, sentence), places, over_time: true, over_position_of: None, ..on_base.clone() })
+    Some(Unlisted { entry: nameless(at, sentence), places, over_time: true, over_position_of: None, ..force.clone() })
 }
-
-/// Times the bar where the simulation itself is rough.
-const ROUGH: f64 = 3.0;
-
-/// Excess of a curve over position on top of the listed effects from which a free force is fitted in their place.
-const HINT: f64 = 50.0;
 
 /// A free force over the position of `joint`, or of one at which a ripple was found, that says more than all that was found.
 fn over_position(
@@ -191,31 +183,9 @@ fn over_position(
     })
 }
 
-/// Part of the structure in the base's residual that a right effect may leave.
-const REST: f64 = 0.15;
-
-/// Listed effects that remove this part of all squares are the explanation; what is left is the finish of their form.
-const MOST: f64 = 0.8;
-
-/// The same against a force over time where the misfit is smooth.
-const SOME: f64 = 0.4;
-
-/// So many effects of [`is_patch`] at once are a poor man's free curve.
-pub const PATCHES: usize = 2;
-
-/// True for effects that fit a piece of anything: single events, and a ripple of any wavelength on a rail.
-#[must_use]
-pub fn is_patch(rig: &Rig, kind: EffectKind) -> bool {
-    match kind {
-        EffectKind::ExternalPush | EffectKind::LostCounts => true,
-        EffectKind::TorqueRipple => rig.mechanism == MechanismKind::Slider,
-        _ => false,
-    }
-}
-
-/// How many of the effects that `found` adds to `base` are patches.
-fn patches(found: &Hypothesis, base: &Hypothesis) -> usize {
-    found.rig.effects[base.rig.effects.len()..].iter().filter(|e| is_patch(&found.rig, e.kind)).count()
+/// How many of the effects that `found` adds to `base` fit a piece of anything.
+fn local_terms(found: &Hypothesis, base: &Hypothesis) -> usize {
+    found.rig.effects[base.rig.effects.len()..].iter().filter(|e| is_local_term(&found.rig, e.kind)).count()
 }
 
 /// Squares of the residual in units of the spread that `base` leaves, outliers pulled in by the loss.
@@ -280,9 +250,9 @@ impl Pattern {
 /// Part of what a free force over time explains from which a sine is the word for it.
 const SINE: f64 = 0.5;
 
-/// Gain beyond three times what its numbers bring by chance.
+/// Gain beyond what its numbers bring by chance.
 fn excess(p: &Pattern) -> f64 {
-    p.gain - 3.0 * p.numbers as f64
+    beyond_chance(p.gain, p.numbers)
 }
 
 fn share(found: &Hypothesis, p: &Pattern) -> f64 {

@@ -8,8 +8,9 @@
 //! RT: no.
 
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::likelihood::squares;
-use crate::diagnose::tried::{Context, MOST_EFFORT};
+use crate::diagnose::tried::MOST_EFFORT;
 use crate::identify::fit::{Bound, FreeRuns, Limits, Point, cost, fit, present};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;

@@ -1,10 +1,32 @@
-//! The answer: the types of `diagnosis.json` and of the report, and how the verdict follows from what was found.
+//! What the answer is called: the verdict that follows from what was found, and the types of `diagnosis.json`.
 //!
 //! RT: no.
 
 pub use crate::report::findings::{
     Diagnosis, Estimate, Figure, Findings, Law, Member, Missing, ParameterLine, Place, Ranked, Rejected, Trace, Verdict,
 };
+
+use super::criterion::{Context, detection_threshold};
+use super::numbers::{FAR_BEYOND_CHANCE, NEARLY_ALL};
+use crate::diagnose::likelihood::Difference;
+
+/// True if the numbers of the rig as given had to be fitted again; `gain`: of the re-fit with so many numbers.
+#[must_use]
+pub fn refit_is_needed(gain: Difference, numbers: usize, context: &Context) -> bool {
+    gain.total > detection_threshold(context, numbers) && gain.low > 0.0
+}
+
+/// True if a candidate of so many numbers gains what no healthy machine shows, whether it was accepted or not.
+#[must_use]
+pub fn is_far_beyond_chance(gain: f64, numbers: usize, context: &Context) -> bool {
+    gain > FAR_BEYOND_CHANCE * detection_threshold(context, numbers)
+}
+
+/// True if a search that ended early may have missed something, by the part of the misfit that it explained.
+#[must_use]
+pub fn may_have_missed(explained_part: f64) -> bool {
+    explained_part < NEARLY_ALL
+}
 
 /// The verdict that follows from what is missing; with nothing missing it is `parameters` if they had to be fitted
 /// again, else `consistent`.

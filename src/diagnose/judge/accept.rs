@@ -1,0 +1,208 @@
+//! Which candidate is accepted: it gains enough, significantly, is found rather than cut off, and holds on recordings that it was
+//! not fitted to.
+//!
+//! RT: no.
+
+use super::criterion::{Context, compare, detection_threshold};
+use super::flexibility::is_overly_flexible;
+use super::numbers::{
+    AT_BOUND, BEYOND_DOUBT, FURTHER, FURTHER_ALONE, FURTHER_IN_MISFIT, KEPT, KEPT_OF_MUCH, LEAST_SWINGS, MUCH, NEARLY,
+    NOTICED_PER_SAMPLE, SHAKEN, SINGLE_EVENT, STRENGTH_DEVIATIONS,
+};
+use crate::diagnose::candidates::Candidate;
+use crate::diagnose::carry::is_externally_driven;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::{Difference, is_misfit};
+use crate::diagnose::tables::estimates;
+use crate::diagnose::tried::Trial;
+use crate::model::effect::{EffectKind, Key, Role};
+use crate::model::resonance::resonance_hz;
+use crate::model::rig::{Effect, Rig, Scope, Slot, Value};
+
+/// True if a bristle is in the rig: what damps it no contract or catalogue tells, and another damping leaves a tenth (seen: a
+/// sensor scale of .74 made up for it).
+fn has_bristle(now: &Hypothesis) -> bool {
+    now.rig.effects.iter().any(|effect| effect.kind == EffectKind::Presliding)
+}
+
+/// True if `trial` explains enough to be accepted. `all`: the trials of its round.
+fn explains_enough(
+    base: &Hypothesis,
+    (trial, all): (&Trial, &[Trial]),
+    explained_before: f64,
+    context: &Context,
+) -> bool {
+    let sure = compare(&trial.hypothesis, base, context);
+    // A second effect must not live off the first one's imperfect form.
+    let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
+    let inexact = misfit || has_bristle(base);
+    let other = |t: &Trial| t.candidate.effect != trial.candidate.effect && t.gain > NEARLY * trial.gain;
+    let least = match (inexact, all.iter().any(other)) {
+        (true, _) => FURTHER_IN_MISFIT,
+        (false, true) => FURTHER,
+        (false, false) => FURTHER_ALONE,
+    };
+    let share = trial.gain >= least * explained_before;
+    // Against smooth misfit chance has no measure: a tenth of the squares is the least that a user would notice.
+    let noticed = !misfit || trial.gain > NOTICED_PER_SAMPLE * context.samples as f64;
+    let admitted = noticed && !is_overly_flexible(base, trial, context);
+    trial.gain > detection_threshold(context, trial.candidate.keys.len())
+        && is_significant(&trial.candidate, trial.gain, sure, context)
+        && share
+        && admitted
+        && !is_at_zero(trial)
+        && trial
+            .hypothesis
+            .rig
+            .effects
+            .len()
+            .checked_sub(1)
+            .is_none_or(|e| is_admissible(&trial.hypothesis, e, context))
+}
+
+/// True if effect `e` of `of` is one that was found: no number of it at the edge of its range, and no mode that something else
+/// shakes.
+#[must_use]
+pub fn is_admissible(of: &Hypothesis, e: usize, context: &Context) -> bool {
+    !of.rig.effects.get(e).is_some_and(is_at_bound) && !is_externally_driven(of, e, &context.floors)
+}
+
+/// True if the gain is no chance of which blocks of the recordings there are. A single event is in one of them: all of its
+/// gain, or none, is in a sample of blocks, which says nothing; it must gain more instead.
+pub fn is_significant(candidate: &Candidate, gain: f64, sure: Difference, context: &Context) -> bool {
+    let single = candidate.only.is_some() && gain > SINGLE_EVENT * detection_threshold(context, candidate.keys.len());
+    sure.low > 0.0 || single && sure.total > 0.0
+}
+
+/// True for a single event where a resonance that is none ([`is_admissible`]) gains far more: something shakes the machine, and a push
+/// fits a piece of that.
+#[must_use]
+pub fn is_piece_of_vibration(trial: &Trial, all: &[Trial], context: &Context) -> bool {
+    let far = |t: &Trial| {
+        t.gain - trial.gain > (SHAKEN * trial.gain).max(detection_threshold(context, t.candidate.keys.len()))
+    };
+    let rings = |t: &Trial| {
+        let effects = &t.hypothesis.rig.effects;
+        effects.last().is_some_and(|e| e.get("frequency").is_some())
+            && !is_admissible(&t.hypothesis, effects.len() - 1, context)
+    };
+    trial.candidate.only.is_some() && all.iter().any(|t| rings(t) && far(t))
+}
+
+/// A number at the edge of the range in which it was sought was not found (the design's "no bound hit"): a resonance
+/// there stands for a slower or faster motion that is none, one without damping for a vibration from elsewhere, a
+/// memory as long as a window for the start of each window. Nothing at all is no such edge.
+#[must_use]
+pub fn is_at_bound(effect: &Effect) -> bool {
+    let hits = |value: &Value| {
+        let at = |bound: f64| bound != 0.0 && (value.value / bound - 1.0).abs() < AT_BOUND;
+        value.bounds.is_some_and(|b| at(b.min) || at(b.max))
+    };
+    let resonance =
+        effect.get("frequency").is_some_and(|f| hits(&f) || effect.get("damping").is_some_and(|d| hits(&d)));
+    let strength = |(key, value): (&Key, &Value)| matches!(key.role, Role::Strength(_)) && hits(value);
+    resonance || effect.kind.keys().iter().zip(&effect.values).any(strength)
+}
+
+/// True if `trial` explains enough and holds on recordings that it was not fitted to. `all`: the trials of its round; `kept`: asked
+/// last, the part of its gain that it keeps when each recording is predicted from the others (`None`: there is but one).
+pub fn is_accepted(
+    now: &Hypothesis,
+    (trial, all): (&Trial, &[Trial]),
+    explained: f64,
+    kept: impl FnOnce() -> Option<f64>,
+    context: &Context,
+    said: &mut impl FnMut(&str),
+) -> bool {
+    if !explains_enough(now, (trial, all), explained, context) {
+        return false;
+    }
+    let effect = trial.candidate.effect;
+    let threshold = detection_threshold(context, trial.candidate.keys.len());
+    let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
+    // A strength that a base parameter shares is uncertain; that it is none is not, with a gain like this.
+    let beyond_doubt = !misfit && trial.gain > BEYOND_DOUBT * threshold;
+    if !beyond_doubt && strength_is_undetermined(&trial.hypothesis) {
+        said(&format!("   {effect} is not two deviations from nothing"));
+        return false;
+    }
+    let Some(kept) = kept() else { return true };
+    said(&format!("   {effect} keeps {kept:.2} of its gain on recordings left out"));
+    let least = if trial.gain > MUCH * threshold { KEPT_OF_MUCH } else { KEPT };
+    kept >= least || trial.candidate.only.is_some()
+}
+
+/// True if the last effect's strength is less than two deviations from nothing, with all that widens an interval: where
+/// misfit stays a gain may be all of a piece, and the same data then do not tell its strength.
+fn strength_is_undetermined(of: &Hypothesis) -> bool {
+    let of = of.clone().with_intervals();
+    let (Some(e), known) = (of.rig.effects.len().checked_sub(1), estimates(&of)) else { return false };
+    let unsure = |(k, key): (usize, &Key)| {
+        let (Role::Strength(nothing), slot) = (key.role, Slot::Effect(Scope::Rig, e, k)) else { return false };
+        let fitted = of.problem.theta.index_of_slot(slot).map(|i| known[i].1);
+        fitted.is_some_and(|x| (x.value - nothing).abs() < STRENGTH_DEVIATIONS * x.std)
+    };
+    of.rig.effects[e].kind.keys().iter().enumerate().any(unsure)
+}
+
+/// True if the fit left the candidate's strength at nothing.
+fn is_at_zero(trial: &Trial) -> bool {
+    let Some(effect) = trial.hypothesis.rig.effects.last() else { return true };
+    effect.values.iter().all(|v| v.value == 0.0)
+}
+
+/// True if one of the effects beyond the first `given` is a spring so soft that within a window it moves nothing: the link then
+/// coasts from its fitted start, which explains any slow motion and no force.
+#[must_use]
+pub fn has_slack_spring(rig: &Rig, given: usize, window_s: f64) -> bool {
+    let mut hz = rig.effects.iter().skip(given).filter_map(|effect| resonance_hz(rig, effect));
+    hz.any(|hz| hz * window_s < LEAST_SWINGS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::judge::worked::trial;
+
+    #[test]
+    fn a_push_is_no_piece_of_a_vibration() {
+        let context = Context { floors: vec![1e-3], samples: 1000, given: 0, is_trapped: false, seed: 1 };
+        let mut push = trial("external_push", 2, 400.0);
+        push.candidate.only = Some("a.csv".into());
+        let ringing = |push: &Trial, damping: f64, gain: f64| {
+            let mut trial = trial("link_flexibility", 3, gain);
+            let values = [3.0, damping, 0.1].map(|x| Value::free(x, 0.002, 60.0)).to_vec();
+            trial.hypothesis.rig.effects.push(Effect::new(EffectKind::LinkFlexibility, "q1", values));
+            [trial, push.clone()]
+        };
+        assert!(is_piece_of_vibration(&push, &ringing(&push, 0.002, 900.0), &context), "undamped and far ahead");
+        assert!(!is_piece_of_vibration(&push, &ringing(&push, 0.05, 900.0), &context), "a mode of the link may be one");
+        assert!(!is_piece_of_vibration(&push, &ringing(&push, 0.002, 450.0), &context), "no farther than chance");
+        push.candidate.only = None;
+        assert!(!is_piece_of_vibration(&push, &ringing(&push, 0.002, 900.0), &context), "no single event");
+    }
+
+    #[test]
+    fn a_memory_at_the_end_of_its_range_was_not_found_but_none_is_none() {
+        let lag = |x: f64| Effect::new(EffectKind::SensorLag, "q", vec![Value::free(x, 0.0, 0.01)]);
+        assert!(is_at_bound(&lag(0.01)) && !is_at_bound(&lag(0.006)) && !is_at_bound(&lag(0.0)));
+    }
+
+    #[test]
+    fn a_spring_that_moves_nothing_within_a_window_is_slack_wherever_it_stands() {
+        let rig = |stiffness: f64| {
+            let text = format!(
+                "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
+                 [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n\
+                 [[effect]]\neffect = \"joint_elasticity\"\nat = \"q1\"\nstiffness = {stiffness}\ndamping = 0.0001\n\
+                 rotor_inertia = 0.004\n\
+                 [[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = 0.002\n"
+            );
+            Rig::parse(&text, "rig.toml").unwrap()
+        };
+        // sqrt(k (1 / 0.004 + 1 / 0.006)) / 2 pi: 0.18 Hz and 18 Hz.
+        assert!(has_slack_spring(&rig(0.003), 0, 2.0) && !has_slack_spring(&rig(30.0), 0, 2.0));
+        assert!(!has_slack_spring(&rig(0.003), 0, 4.0), "a longer window shows it");
+        assert!(!has_slack_spring(&rig(0.003), 1, 2.0), "what was given is not asked");
+    }
+}

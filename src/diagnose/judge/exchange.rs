@@ -1,0 +1,64 @@
+//! Whether another effect takes the place of one, and whether one stays.
+//!
+//! RT: no.
+
+use super::accept::is_significant;
+use super::criterion::{Context, compare, detection_threshold};
+use super::numbers::{CLEAR_LEAD, NOT_ITS_OWN, SIMPLER};
+use super::simplicity::LIMITS_OF;
+use crate::diagnose::candidates::Candidate;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::Difference;
+use crate::diagnose::tried::{Added, Trial};
+
+/// True if `rival` should stand in the place of `added`, whose gain is `kept`.
+#[must_use]
+pub fn takes_its_place(found: &Hypothesis, rival: &Trial, added: &Added, kept: f64, context: &Context) -> bool {
+    let richer = LIMITS_OF.contains(&(added.candidate.effect, rival.candidate.effect));
+    let least = if richer { (1.0 - SIMPLER) * kept } else { 0.0 };
+    compare(found, &rival.hypothesis, context).total < -least.max(CLEAR_LEAD)
+}
+
+/// True if an effect earns its place in the company of the others. `gain`: over the model without it, fitted again.
+#[must_use]
+pub fn earns_its_place(candidate: &Candidate, gain: Difference, context: &Context) -> bool {
+    let is_enough = gain.total >= detection_threshold(context, candidate.keys.len());
+    is_enough && is_significant(candidate, gain.total, gain, context)
+}
+
+/// True if a lead in twice the log-likelihood is clear.
+#[must_use]
+pub fn is_clear(ahead: f64) -> bool {
+    ahead > CLEAR_LEAD
+}
+
+/// True if what an effect brought stays when it is taken out again: a fit that ended in a false minimum is improved by anything
+/// that shakes it. Likelihoods before it, with it, and without it again.
+#[must_use]
+pub fn only_freed_the_fit(before: f64, with: f64, without: f64) -> bool {
+    without - before > NOT_ITS_OWN * (with - before)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::judge::worked::trial;
+
+    #[test]
+    fn an_effect_whose_gain_stays_without_it_brought_none_of_its_own() {
+        assert!(only_freed_the_fit(0.0, 100.0, 60.0) && !only_freed_the_fit(0.0, 100.0, 40.0));
+    }
+
+    #[test]
+    fn an_effect_stays_that_gains_enough_in_every_part_of_the_recordings() {
+        let context = Context { floors: vec![1e-3], samples: 1000, given: 0, is_trapped: false, seed: 1 };
+        let lag = trial("actuator_lag", 1, 0.0).candidate;
+        let gain = |total: f64, low: f64| Difference { total, low, high: 2.0 * total, std: 1.0 };
+        assert!(earns_its_place(&lag, gain(100.0, 10.0), &context));
+        assert!(!earns_its_place(&lag, gain(60.0, 10.0), &context), "too little");
+        assert!(!earns_its_place(&lag, gain(100.0, -1.0), &context), "in one place alone");
+        let push = Candidate { only: Some("a.csv".into()), ..lag };
+        assert!(earns_its_place(&push, gain(110.0, -1.0), &context), "an event is in one place");
+        assert!(!earns_its_place(&push, gain(100.0, -1.0), &context), "and must gain more for that");
+    }
+}

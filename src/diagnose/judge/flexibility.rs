@@ -1,0 +1,87 @@
+//! Effects that fit a piece of anything: what they gain beside smooth misfit says nothing.
+//!
+//! RT: no.
+
+use super::criterion::Context;
+use super::numbers::{PERIODS, PERIODS_IN_MISFIT, UNRESOLVED};
+use crate::diagnose::candidates::Candidate;
+use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::likelihood::is_misfit;
+use crate::diagnose::tried::Trial;
+use crate::model::effect::EffectKind;
+use crate::model::rig::{MechanismKind, Rig, Sensor};
+
+/// True for effects that fit a piece of anything: single events, and a ripple of any wavelength on a rail.
+#[must_use]
+pub fn is_local_term(rig: &Rig, kind: EffectKind) -> bool {
+    match kind {
+        EffectKind::ExternalPush | EffectKind::LostCounts => true,
+        EffectKind::TorqueRipple => rig.mechanism == MechanismKind::Slider,
+        _ => false,
+    }
+}
+
+/// True for a push, a jump or a few waves of a ripple where more than noise stays: they fit a piece of any smooth misfit.
+#[must_use]
+pub fn is_overly_flexible(base: &Hypothesis, trial: &Trial, context: &Context) -> bool {
+    let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
+    periods(base, trial) < if misfit { PERIODS_IN_MISFIT } else { PERIODS }
+        || misfit && is_local_here(base, &trial.candidate)
+}
+
+/// Periods of a trial's ripple within the travel; infinite for other effects.
+fn periods(base: &Hypothesis, trial: &Trial) -> f64 {
+    waves(base, trial).unwrap_or(f64::INFINITY)
+}
+
+/// Periods of a trial's ripple within the travel; none for other effects, or where no sensor tells the travel.
+fn waves(base: &Hypothesis, trial: &Trial) -> Option<f64> {
+    let ripple = trial.hypothesis.rig.effects.last().filter(|e| e.kind == EffectKind::TorqueRipple)?;
+    let joint = base.rig.mechanism.coordinate_index(&trial.candidate.at);
+    let travel = |(c, sensor): (usize, &Sensor)| {
+        let all = base.problem.recordings.iter().flat_map(|r| &r.measured[c]).filter(|x| x.is_finite());
+        let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+        if Some(sensor.joint) == joint && !sensor.is_rate { high - low } else { 0.0 }
+    };
+    let range = base.rig.sensors.iter().enumerate().map(travel).fold(0.0, f64::max);
+    (range > 0.0).then_some(ripple.get("order")?.value * range / (2.0 * std::f64::consts::PI))
+}
+
+/// True if `candidate` fits a piece of anything on this machine.
+#[must_use]
+pub fn is_local_here(now: &Hypothesis, candidate: &Candidate) -> bool {
+    EffectKind::from_id(candidate.effect).is_some_and(|kind| is_local_term(&now.rig, kind))
+}
+
+/// True for a ripple in smooth misfit whose order the data do not tell: another order at the same joint explains nearly as
+/// much, more than two waves over the travel resemble each other.
+#[must_use]
+pub fn has_unresolved_order(base: &Hypothesis, trial: &Trial, others: &[Trial], context: &Context) -> bool {
+    let Some(mine) = waves(base, trial).filter(|_| is_misfit(&trial.hypothesis.residuals, &context.floors)) else {
+        return false;
+    };
+    let rival = |other: &Trial| {
+        let of_other = if other.candidate.at == trial.candidate.at { waves(base, other) } else { None };
+        of_other.is_some_and(|w| {
+            (w - mine).abs() > 0.0 && other.gain > UNRESOLVED * (1.0 + resemblance(w - mine)) * trial.gain
+        })
+    };
+    others.iter().any(rival)
+}
+
+/// Part of a wave's energy that another can take over which differs by so many periods within the travel.
+fn resemblance(periods: f64) -> f64 {
+    let x = std::f64::consts::PI * periods;
+    if x == 0.0 { 1.0 } else { (libm::sin(x) / x).powi(2) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waves_that_differ_by_a_period_have_nothing_in_common() {
+        assert!(resemblance(1.0) < 1e-12 && (resemblance(0.0) - 1.0).abs() < 1e-12);
+        assert!((0.3..0.5).contains(&resemblance(0.5)), "{}", resemblance(0.5));
+    }
+}

@@ -1,0 +1,33 @@
+//! The judge: is model A better than model B, does an effect stand in the answer, what is the verdict called.
+//!
+//! Functions of fitted models and numbers; nothing is fitted here. Who searches (`attribute`, `round`, `contest`, `pairs`,
+//! `at_rest`) asks and decides nothing.
+//!
+//! | file | question |
+//! |---|---|
+//! | [`numbers`] | every number that decides, with where it comes from |
+//! | [`criterion`] | how much better is one model, and from when on does that count? |
+//! | [`accept`] | is a candidate accepted as a further effect? |
+//! | [`flexibility`] | or does it fit a piece of anything? |
+//! | [`simplicity`] | which of two that explain as much comes first? |
+//! | [`exchange`] | does another effect take its place, does it stay at all? |
+//! | [`continuity`] | are its hidden states those of one machine? |
+//! | [`credible_set`] | what do the data not tell apart from it? |
+//! | [`nameless`] | does a force without a name say more than all that was named? |
+//! | [`pooling`] | are all recordings of one machine, does every channel follow? |
+//! | [`verdict`] | what is the answer called? |
+//!
+//! RT: no.
+
+pub mod accept;
+pub mod continuity;
+pub mod credible_set;
+pub mod criterion;
+pub mod exchange;
+pub mod flexibility;
+pub mod nameless;
+pub mod numbers;
+pub mod pooling;
+pub mod simplicity;
+pub mod verdict;
+mod worked;

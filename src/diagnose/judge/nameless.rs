@@ -1,0 +1,145 @@
+//! Whether a force without a name says more than the effects that were found. What it is and where stands in `unlisted`.
+//!
+//! RT: no.
+
+use super::criterion::{Context, compare, detection_threshold};
+use super::numbers::{
+    AHEAD, AHEAD_OF_LISTED, AHEAD_OF_LISTED_BY, AHEAD_OF_LOCAL, CHANCE_PER_NUMBER, FREE_FORCE, FREE_FORCE_PER_SAMPLE,
+    HINT, ON_TOP, REMOVED, REMOVED_OF_SMOOTH, RIPPLES_PER_NUMBER, ROUGH, STRUCTURE_LEFT,
+};
+use crate::diagnose::hypothesis::Hypothesis;
+
+/// What the residual forces of base and found model say beside each other.
+#[derive(Clone, Copy, Debug)]
+pub struct Excess {
+    /// From when on a free force counts: [`free_force_threshold`].
+    pub threshold: f64,
+    /// Of the free force on the base alone.
+    pub on_base: f64,
+    /// Gain of the listed effects in the same measure.
+    pub listed: f64,
+}
+
+/// Excess of a free force that counts. `is_rough`: shorter steps of the simulation change as much as the noise does, which bends
+/// the runs of a healthy machine.
+#[must_use]
+pub fn free_force_threshold(context: &Context, is_rough: bool) -> f64 {
+    let threshold = (FREE_FORCE_PER_SAMPLE * context.samples as f64).max(FREE_FORCE);
+    if is_rough { ROUGH * threshold } else { threshold }
+}
+
+/// Gain of a free force of so many numbers beyond what they bring by chance.
+#[must_use]
+pub fn beyond_chance(gain: f64, numbers: usize) -> f64 {
+    gain - CHANCE_PER_NUMBER * numbers as f64
+}
+
+/// True if a curve over position with this excess beside the listed effects asks for a fit in their place.
+#[must_use]
+pub fn asks_for_a_fit(excess: f64) -> bool {
+    excess > HINT
+}
+
+impl Excess {
+    /// True if there is a force in the base's residual at all.
+    #[must_use]
+    pub fn counts(&self) -> bool {
+        self.on_base > self.threshold
+    }
+
+    /// True if the force says more than listed effects that fit a piece of anything.
+    #[must_use]
+    pub fn beats_local_terms(&self) -> bool {
+        self.on_base > self.threshold.max(AHEAD_OF_LOCAL * self.listed)
+    }
+
+    /// True if the force says more than any listed effects.
+    #[must_use]
+    pub fn beats_listed(&self) -> bool {
+        self.on_base > self.threshold.max(AHEAD_OF_LISTED * self.listed + AHEAD_OF_LISTED_BY)
+    }
+
+    /// True if there is another force on top of the listed effects.
+    #[must_use]
+    pub fn counts_on_top(&self, on_found: f64) -> bool {
+        on_found > self.threshold.max(ON_TOP * self.listed)
+    }
+
+    /// True if so little structure is left that what explained the rest is the explanation.
+    #[must_use]
+    pub fn leaves_little(&self, left: f64) -> bool {
+        left < self.threshold.max(STRUCTURE_LEFT * self.on_base)
+    }
+}
+
+/// True if the listed effects remove so much of all squares that what is left is the finish of their form. A force over time
+/// explains any smooth misfit; a listed effect that removes a good part of that says more.
+#[must_use]
+pub fn is_removed(part: f64, over_time_and_smooth: bool) -> bool {
+    part >= if over_time_and_smooth { REMOVED_OF_SMOOTH } else { REMOVED }
+}
+
+/// True if a change of the machine with so many numbers is ahead of the listed effects, which gained `listed`.
+#[must_use]
+pub fn change_is_ahead(ahead: f64, listed: f64, numbers: usize, context: &Context) -> bool {
+    ahead > detection_threshold(context, numbers).max(AHEAD * listed)
+}
+
+/// True if a fitted force over position is clearly ahead of `found`, its numbers paid for. `ripples`: what was found are several
+/// ripples at that joint, a poor man's free curve and hardly a machine's, which need not be beaten by far.
+#[must_use]
+pub fn curve_is_ahead(
+    curve: &Hypothesis,
+    found: &Hypothesis,
+    base: &Hypothesis,
+    ripples: bool,
+    context: &Context,
+) -> bool {
+    let ahead = compare(curve, found, context);
+    let numbers = curve.point.parameters.len().saturating_sub(found.point.parameters.len());
+    let listed = compare(curve, base, context).total - ahead.total;
+    let least = if ripples {
+        RIPPLES_PER_NUMBER * numbers as f64
+    } else {
+        detection_threshold(context, numbers).max(AHEAD * listed)
+    };
+    ahead.low > 0.0 && ahead.total > least
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn context(samples: usize) -> Context {
+        Context { floors: vec![1e-3], samples, given: 0, is_trapped: false, seed: 1 }
+    }
+
+    #[test]
+    fn a_force_counts_beyond_chance_and_later_where_the_simulation_is_rough() {
+        assert!((beyond_chance(100.0, 10) - 70.0).abs() < 1e-12);
+        let of = |rough| free_force_threshold(&context(1000), rough);
+        assert!((of(false) - FREE_FORCE).abs() < 1e-12 && (of(true) - 3.0 * FREE_FORCE).abs() < 1e-12);
+        assert!((free_force_threshold(&context(100_000), false) - 1500.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_free_force_must_say_more_than_what_was_named() {
+        let of = |on_base, listed| Excess { threshold: 80.0, on_base, listed };
+        assert!(!of(79.0, 0.0).counts() && of(81.0, 0.0).counts());
+        assert!(of(800.0, 1000.0).beats_local_terms() && !of(800.0, 1000.0).beats_listed());
+        assert!(of(1320.0, 1000.0).beats_listed() && !of(1300.0, 1000.0).beats_listed());
+        assert!(of(0.0, 1000.0).counts_on_top(310.0) && !of(0.0, 1000.0).counts_on_top(290.0));
+        assert!(of(1000.0, 0.0).leaves_little(140.0) && !of(1000.0, 0.0).leaves_little(160.0));
+    }
+
+    #[test]
+    fn less_needs_to_be_removed_where_a_force_over_time_would_explain_anything() {
+        assert!(is_removed(0.5, true) && !is_removed(0.5, false) && is_removed(0.8, false));
+    }
+
+    #[test]
+    fn a_change_of_the_machine_pays_for_its_numbers_and_for_the_error_of_form() {
+        assert!(change_is_ahead(110.0, 0.0, 4, &context(1000)) && !change_is_ahead(80.0, 0.0, 4, &context(1000)));
+        assert!(!change_is_ahead(110.0, 2000.0, 4, &context(1000)), "a tenth of what was listed");
+    }
+}
