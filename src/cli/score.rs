@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::{Context, bail};
 
 use super::{Outcome, Run, progress};
-use crate::diagnose::score::{CaseMark, Row, RunEnd, Runner, case_table, row, totals_table};
+use crate::trial::score::{CaseMark, Row, RunEnd, Runner, case_table, row, totals_table};
 
 /// Diagnose every case of a folder, compare with the truth, print the table.
 #[derive(clap::Args)]

@@ -9,9 +9,9 @@ use anyhow::{Context, bail};
 
 use super::score::{diagnose, find_cases, print, score};
 use super::{Outcome, Run, progress};
-use crate::diagnose::generator::Recipe;
-use crate::diagnose::score::Runner;
-use crate::diagnose::trial::{Key, TrialFolder, hex, key_of};
+use crate::trial::generator::Recipe;
+use crate::trial::score::Runner;
+use crate::trial::seal::{Key, TrialFolder, hex, key_of};
 
 /// How often the generator's progress is looked at.
 const LOOK: Duration = Duration::from_millis(200);

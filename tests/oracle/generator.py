@@ -1,4 +1,4 @@
-"""Reference motions of MuJoCo for the machines of the trial generator (src/diagnose/generator/oracle.rs).
+"""Reference motions of MuJoCo for the machines of the trial generator (src/trial/generator/oracle.rs).
 
 python3 -m venv v && v/bin/pip install mujoco==4.0.0 && v/bin/python tests/oracle/generator.py
 Prints coordinates and rates (as the diagnosis contract defines them) after 0.5, 1.0, 1.5 and 2.0 s.

@@ -9,7 +9,7 @@ use super::case::{Case, Level};
 use super::effect::Effect;
 use super::experiment::{ROW_S, Recording};
 use super::rig::{Kind, Rig};
-use crate::diagnose::score::{Accepted, Hidden, Interval, Recoverable, Simulated};
+use crate::trial::score::{Accepted, Hidden, Interval, Recoverable, Simulated};
 
 /// Names of the recordings.
 fn file(number: usize) -> String {
