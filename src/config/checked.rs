@@ -460,6 +460,10 @@ pub struct FootPlacement {
     pub learning: f64,
     /// Gain of the squared passing rate in a step that is expected at first, rad²/s².
     pub first_gain: f64,
+    /// Before the first step the swing leg is held so far behind, rad: from there it swings forward.
+    pub first_back_rad: f64,
+    /// Time of the first step's swing, s: the weight that goes forward makes the robot fall forward.
+    pub first_swing_s: f64,
     /// Swing angle of the first step, rad.
     pub first_angle_rad: f64,
     /// The swing leg arrives so long before the touchdown, s.
@@ -496,6 +500,8 @@ pub struct FootPlacement {
     pub slope_share: f64,
     /// Push-off of the stance toe, m.
     pub push_m: f64,
+    /// Push that is longer for a speed above `speed_m_s`, m per m/s.
+    pub push_per_speed_s: f64,
     /// What it grows by with the lack of step length, m/rad.
     pub push_per_angle_m_rad: f64,
     /// Largest push-off, m.

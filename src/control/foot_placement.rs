@@ -145,7 +145,8 @@ impl FootPlacement {
         (step.goal_rad, step.push_m) = (angle_rad, push_m);
         step.next = self.landing.next_energy(e, step.goal_rad);
         step.lands_s = (since_s + time_to(e, -step.goal_rad)).min(LONGEST_S);
-        step.duration_s = (step.lands_s - n.lead_s).clamp(n.shortest_swing_s, LONGEST_S);
+        let duration_s = if step.is_first { n.first_swing_s } else { step.lands_s - n.lead_s };
+        step.duration_s = duration_s.clamp(n.shortest_swing_s, LONGEST_S);
     }
 
     /// Computed torque along the path, + on inner.

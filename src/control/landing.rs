@@ -90,7 +90,8 @@ impl Landing {
         let wanted = if stops { STOPPING } else { passing * passing };
         let angle_rad = self.foothold(e, wanted, wanted_rad);
         // A foothold shorter than wanted lacks energy: push more.
-        let push_m = n.push_m + n.push_per_angle_m_rad * (wanted_rad - angle_rad);
+        let steady_m = n.push_m + n.push_per_speed_s * (speed_m_s - n.speed_m_s);
+        let push_m = steady_m + n.push_per_angle_m_rad * (wanted_rad - angle_rad);
         Foothold { angle_rad, push_m: if stops { 0.0 } else { push_m.clamp(0.0, n.push_most_m) } }
     }
 

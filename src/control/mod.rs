@@ -130,7 +130,7 @@ impl Controller {
         let (hip_torque_nm, law) = match &mut self.law {
             Law::Idle => (0.0, LawName::Idle),
             Law::Hold(hold) => (hold.torque_nm(estimate), LawName::Hold),
-            Law::Balance(balance) => (balance.torque_nm(estimate, snapshot.late), LawName::Balance),
+            Law::Balance(balance) => (balance.torque_nm(estimate, snapshot.late, 0.0), LawName::Balance),
             Law::Walk(walk) => {
                 let (wish, state) = walk.step(now, estimate, snapshot);
                 self.state = state;

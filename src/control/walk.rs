@@ -1,7 +1,7 @@
 //! The supervisor: stand, step in, walk at a commanded speed, stop, rest. RT: yes.
 //!
 //! ```text
-//!            speed asked for            second touchdown            speed 0 asked for          both feet down, slow
+//!       asked for, settled, leg back   second touchdown            speed 0 asked for          both feet down, slow
 //!   Stand ───────────────────> StepIn ─────────────────> Walk ───────────────────────> Stop ─────────────────────> Rest
 //!   (LQR)                      (foot placement)            (the walking law)           (long steps)    (no torque)
 //! ```
@@ -13,7 +13,7 @@ use super::gait::Gait;
 use super::hold::Hold;
 use super::pendulum::energy;
 use super::{ControllerError, ToeLengths};
-use crate::base::time::Stamp;
+use crate::base::time::{Span, Stamp};
 use crate::config::checked::{Config, Walk as Schedule};
 use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot, TOES};
 
@@ -32,6 +32,12 @@ pub(super) struct Walk {
     hold: Hold,
     /// Since when it comes to rest.
     rests_since: Stamp,
+    /// Where balance holds the swing leg, rad: it goes back before the first step, to swing forward from there.
+    swing_rad: f64,
+    first_swing_rad: f64,
+    last: Stamp,
+    /// When the legs were last seen to move.
+    moved: Stamp,
 }
 
 impl Walk {
@@ -51,6 +57,10 @@ impl Walk {
             stop_step: 0,
             hold: Hold::new(&config.control),
             rests_since: Stamp::NEVER,
+            swing_rad: 0.0,
+            first_swing_rad: -config.control.foot_placement.first_back_rad,
+            last: Stamp::NEVER,
+            moved: Stamp::NEVER,
         })
     }
 
@@ -58,6 +68,9 @@ impl Walk {
     pub(super) fn reset(&mut self, now: Stamp) {
         self.motion = Motion::Stand;
         self.since = now;
+        self.last = now;
+        self.moved = now;
+        self.swing_rad = 0.0;
         self.gait.reset();
     }
 
@@ -71,12 +84,16 @@ impl Walk {
     /// Torque and toes, and what it is about.
     pub(super) fn step(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) -> (Wish, ControlState) {
         let speed_m_s = self.speed_m_s(now.since(self.since).as_s());
+        self.draw_back(now, speed_m_s);
+        if !self.is_settled(e, speed_m_s) {
+            self.moved = now;
+        }
         self.change(now, e, speed_m_s);
         let (wish, law) = match self.motion {
             Motion::Rest => (self.rest(now, e), LawName::Hold),
             Motion::Stand => {
                 self.first_step = e.steps;
-                let hip_torque_nm = self.balance.torque_nm(e, seen.late);
+                let hip_torque_nm = self.balance.torque_nm(e, seen.late, self.swing_rad);
                 let toe_position_m = self.toes.for_stance(e.stance);
                 (Wish { hip_torque_nm, toe_position_m, ..Wish::default() }, LawName::Balance)
             }
@@ -97,7 +114,7 @@ impl Walk {
     fn change(&mut self, now: Stamp, e: &Estimate, speed_m_s: f64) {
         let asked = speed_m_s > 0.0;
         let next = match self.motion {
-            Motion::Stand if asked && !self.gait.is_over(now) => Motion::StepIn,
+            Motion::Stand if asked && now.since(self.moved) > QUIET && !self.gait.is_over(now) => Motion::StepIn,
             Motion::StepIn if self.gait.is_rebalance() => {
                 if self.gait.is_over(now) {
                     Motion::Stand
@@ -123,6 +140,29 @@ impl Walk {
         }
     }
 
+    /// The swing leg goes back before a first step, and forward again if none is asked for.
+    fn draw_back(&mut self, now: Stamp, speed_m_s: f64) {
+        let goal_rad = self.goal_rad(speed_m_s);
+        let most_rad = BACK_RAD_S * now.since(self.last).as_s();
+        self.swing_rad += (goal_rad - self.swing_rad).clamp(-most_rad, most_rad);
+        self.last = now;
+    }
+
+    const fn goal_rad(&self, speed_m_s: f64) -> f64 {
+        if speed_m_s > 0.0 && !self.gait.is_rebalance() { self.first_swing_rad } else { 0.0 }
+    }
+
+    /// The swing leg is back and the legs have settled: out of a balance that still recovers, a step would go wrong.
+    fn is_settled(&self, e: &Estimate, speed_m_s: f64) -> bool {
+        let has_settled = |angle_rad: f64, rate_rad_s: f64, [most_rad, most_rad_s]: [f64; 2]| {
+            angle_rad.abs() < most_rad && rate_rad_s.abs() < most_rad_s
+        };
+        let stance_rad = self.balance.pose(e.stance, self.swing_rad).stance_rad;
+        (self.swing_rad - self.goal_rad(speed_m_s)).abs() < f64::EPSILON
+            && has_settled(e.theta_stance_rad - stance_rad, e.theta_stance_rad_s, SETTLED_STANCE)
+            && has_settled(e.theta_swing_rad - self.swing_rad, e.theta_swing_rad_s, SETTLED_SWING)
+    }
+
     /// Holds the legs apart until they are still, then lets the torque go: two legs apart stand by friction.
     fn rest(&mut self, now: Stamp, e: &Estimate) -> Wish {
         let rested_s = now.since(self.rests_since).as_s();
@@ -133,6 +173,13 @@ impl Walk {
     }
 }
 
+/// Speed at which the swing leg is drawn back, rad/s.
+const BACK_RAD_S: f64 = 0.3;
+/// Angle, rad, and rate, rad/s, within which the legs have settled: just above the limit cycle that stiction leaves.
+const SETTLED_STANCE: [f64; 2] = [0.012, 0.04];
+const SETTLED_SWING: [f64; 2] = [0.1, 0.3];
+/// A step begins after the legs have settled for so long.
+const QUIET: Span = Span::from_ms(200);
 /// It rocks from foot to foot for less than this, s (every landing takes a quarter of the energy); then the torque fades.
 /// The observer's rates cannot say: they know one foot only.
 const ROCKS_S: f64 = 6.0;
