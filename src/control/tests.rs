@@ -1,7 +1,7 @@
 //! Laws of every controller, and those of balance.
-
 use super::*;
 use crate::config::load;
+use crate::msg::Motion;
 
 const ALL: [&str; 3] = ["idle", "hold", "balance"];
 /// Laws that walk, with the plan that they need.
@@ -161,12 +161,26 @@ fn stiff_spring_in_the_model_leaves_the_gain_of_the_rigid_robot() {
     assert!(distance(377.0) < 40.0 && distance(100_000.0) < 0.5, "{} {}", distance(377.0), distance(100_000.0));
 }
 
+/// A walking law that has just begun to step in, at time 0: before, it stood in the pose to step in from.
 fn walking(name: &str, plan: &str) -> Controller {
     let keys =
         [format!("control.controller={name}"), format!("control.plan={plan}"), "control.walk.start_s=0.0".into()];
-    let mut c = Controller::new(&config(&keys.each_ref().map(String::as_str))).unwrap();
-    c.reset(Stamp(0), &state(Leg::Inner, [0.0; 4]));
-    c
+    let config = config(&keys.each_ref().map(String::as_str));
+    let back_rad = if name == "tvlqr" { 0.0 } else { -config.control.foot_placement.first_back_rad };
+    let stance_rad = balance::Pose::new(&config.robot.model.params().normalised(), back_rad).stance_rad;
+    let pose = state(Leg::Inner, [stance_rad, back_rad, 0.0, 0.0]);
+    let stand = |from_ms: i64| {
+        let mut c = Controller::new(&config).unwrap();
+        c.reset(Stamp(-1_000_000 * from_ms), &pose);
+        let stood = (0..5000).take_while(|k| {
+            c.step(Stamp(1_000_000 * (k - from_ms)), &pose, &Snapshot::default());
+            c.state().motion == Motion::Stand
+        });
+        (stood.count() as i64, c)
+    };
+    let (stood_ms, _) = stand(0);
+    assert!(stood_ms < 3000, "{name} does not step in");
+    stand(stood_ms).1
 }
 
 /// States of steps: each lasts half a second, and ends near the next one's beginning, which is near the gait's.

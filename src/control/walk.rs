@@ -143,7 +143,7 @@ impl Walk {
     /// The swing leg goes back before a first step, and forward again if none is asked for.
     fn draw_back(&mut self, now: Stamp, speed_m_s: f64) {
         let goal_rad = self.goal_rad(speed_m_s);
-        let most_rad = BACK_RAD_S * now.since(self.last).as_s();
+        let most_rad = (BACK_RAD_S * now.since(self.last).as_s()).max(0.0);
         self.swing_rad += (goal_rad - self.swing_rad).clamp(-most_rad, most_rad);
         self.last = now;
     }

@@ -17,7 +17,7 @@ use crate::model::compass_gait::kinematics::Trig;
 /// T, s, of the observer and of the low-pass behind it: half of a change of foot shows after 1.7 T. The encoder's counts
 /// (.09 mrad rms) differentiated twice make the share uncertain by some .15 at steps of .3 m on the outer leg.
 const TIME_S: f64 = 0.014;
-/// Feet nearer than this, in leg lengths, say nothing.
+/// Feet nearer than this, in leg lengths, say nothing: what is left of the noise would be many times the weight.
 const BLIND: f64 = 0.08;
 
 /// After a change of foot: samples that mix before and after are left out, s. They are some 3 ms late, and the legs ring.
@@ -59,7 +59,7 @@ impl Weight {
         let b = balance(model, measured);
         let last = self.momentum.replace(b.momentum).unwrap_or(b.momentum);
         self.residual += b.momentum - last - dt_s * (b.moment + self.residual / TIME_S);
-        let lever = b.full / (b.full * b.full + b.least * b.least);
+        let lever = if b.full.abs() < b.least { 0.0 } else { b.full / (b.full * b.full + b.least * b.least) };
         self.elsewhere += dt_s / TIME_S * (self.residual / TIME_S * lever - self.elsewhere);
         if !self.elsewhere.is_finite() {
             self.reset();
