@@ -2,7 +2,7 @@
 #![expect(clippy::unwrap_used, clippy::print_stderr, reason = "a test")]
 
 use compass::diagnose::pipeline::{Answer, diagnose};
-use compass::diagnose::verdict::Verdict;
+use compass::diagnose::judge::verdict::Verdict;
 use compass::identify::experiment::Experiment;
 use compass::identify::rollout::{Fidelity, Readings, Rollout};
 use compass::model::rig::Rig;
