@@ -1,6 +1,7 @@
 //! Configuration after all checks: domains hold, names resolve, nothing is missing. RT: read only.
 
 pub use super::drives::{Cia402, Claim, DriveProtocol, Mit, MitDialect, Moteus, Odrive, OdriveFirmware, Traffic};
+use super::fault::Injection;
 use crate::base::can_time::BitRates;
 use crate::base::time::Span;
 use crate::msg::{BUSES, DRIVES, TOES};
@@ -614,6 +615,8 @@ pub struct Simulation {
     pub pushes: Vec<Push>,
     /// Further ones at random times.
     pub random_pushes: Option<RandomPushes>,
+    /// Faults of wires, devices and operator, each with its time.
+    pub faults: Vec<Injection>,
     /// First-order lag of the motor's torque, s.
     pub actuator_lag_s: f64,
     /// The hip motor's torque comes so much after its command.

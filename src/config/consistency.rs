@@ -23,9 +23,19 @@ pub(super) fn check(config: &Config, log: &Log) {
     backends(&config.robot, log);
     start_on_ground(config, log);
     safety_times(config, log);
+    faults(config, log);
     watchdogs(config, log);
     for bus in 0..config.robot.buses.len() {
         bus_load(config, bus, log);
+    }
+}
+
+/// Only what the robot has can break.
+fn faults(config: &Config, log: &Log) {
+    for injection in &config.simulation.faults {
+        if let Err(what) = injection.check(&config.robot) {
+            log.error(Problem { value: Some(injection.text()), ..problem("sim.faults", what) });
+        }
     }
 }
 

@@ -13,6 +13,7 @@ pub mod checked;
 mod consistency;
 mod drive;
 mod drives;
+pub mod fault;
 mod model;
 mod model_error;
 mod problem;
@@ -76,6 +77,8 @@ pub struct Choice<'a> {
     pub model: Option<&'a Path>,
     /// Single values, `key=value`; go last.
     pub overrides: &'a [String],
+    /// Faults to inject, `NAME@TIME[:ARGS]`; added to those of `sim.faults`.
+    pub faults: &'a [String],
     /// The program is the simulated robot itself on real buses, so nobody's hand and no real IMU is needed.
     pub plays_robot: bool,
 }
@@ -98,7 +101,21 @@ pub fn load_choice(choice: Choice<'_>) -> Result<Resolved, Errors> {
     for text in choice.overrides {
         typed.add_override(text);
     }
+    typed.faults = choice.faults.to_vec();
     typed.plays_robot = choice.plays_robot;
+    typed.resolve()
+}
+
+/// Reads a text with tables `[robot]`, `[rt]`, `[control]`, `[sim]` and `[set]`; `name` is told in errors.
+///
+/// # Errors
+/// Everything that is wrong, at once.
+pub fn load_text(name: &str, text: &str, overrides: &[String]) -> Result<Resolved, Errors> {
+    let mut typed = Typed::default();
+    typed.add_sections(name, text);
+    for text in overrides {
+        typed.add_override(text);
+    }
     typed.resolve()
 }
 
@@ -122,6 +139,7 @@ struct Typed {
     sections: BTreeMap<&'static str, Node>,
     model: Option<RigModel>,
     overrides: Vec<(String, Node)>,
+    faults: Vec<String>,
     problems: Vec<Problem>,
     plays_robot: bool,
 }
@@ -203,6 +221,7 @@ impl Typed {
         let sources = self.fill_in_defaults();
         let notes = self.apply_model();
         self.apply_overrides();
+        self.add_faults();
         if !self.problems.is_empty() {
             return Err(Errors(self.problems));
         }
@@ -265,6 +284,18 @@ impl Typed {
             }
         }
         model.notes
+    }
+
+    /// Adds the faults of the command line to those of the files.
+    fn add_faults(&mut self) {
+        let Some(sim) = self.sections.get_mut("sim").filter(|_| !self.faults.is_empty()) else { return };
+        let at = Origin { file: "--fault".into(), line: 0 };
+        let mut all = match sim.table().and_then(|keys| keys.get("faults")).map(|node| &node.value) {
+            Some(Raw::List(items)) => items.clone(),
+            _ => Vec::new(),
+        };
+        all.extend(self.faults.drain(..).map(|text| Node { at: at.clone(), value: Raw::Text(text) }));
+        sim.put(&["faults"], Node { at, value: Raw::List(all) });
     }
 
     fn apply_overrides(&mut self) {

@@ -251,6 +251,36 @@ impl Reader<'_> {
         }
     }
 
+    /// A list of texts, each read by `parse`; empty if the key is not there. Canonical is what `show` says.
+    pub(super) fn parsed_texts<T>(
+        &self,
+        key: &'static str,
+        parse: impl Fn(&str) -> Result<T, String>,
+        show: impl Fn(&T) -> String,
+    ) -> Vec<T> {
+        let Some(node) = self.find(key) else { return Vec::new() };
+        let Raw::List(items) = &node.value else {
+            self.wrong(key, node, "must be a list of texts in quotes");
+            return Vec::new();
+        };
+        let mut out = Vec::new();
+        for (i, item) in items.iter().enumerate() {
+            let place = format!("{key}[{i}]");
+            match &item.value {
+                Raw::Text(text) => match parse(text) {
+                    Ok(value) => out.push(value),
+                    Err(what) => self.wrong(&place, item, &what),
+                },
+                _ => self.wrong(&place, item, "must be a text in quotes"),
+            }
+        }
+        if !out.is_empty() {
+            let text: Vec<String> = out.iter().map(|value| toml::Value::String(show(value)).to_string()).collect();
+            self.note(key, format!("[{}]", text.join(", ")));
+        }
+        out
+    }
+
     /// One of some words.
     pub(super) fn choice<T: Copy>(&self, key: &'static str, choices: &[(&str, T)], placeholder: T) -> T {
         let text = self.text(key);

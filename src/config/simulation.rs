@@ -1,6 +1,7 @@
 //! Reads `sim`: the simulated robot and its imperfections. RT: before arming only.
 
 use super::checked::{Floor, ImuErrors, Model, ModelError, Push, RandomPushes, Simulation};
+use super::fault::Injection;
 use super::process::LEGS;
 use super::reader::{Range, Reader, range};
 use super::robot::{elasticity, model};
@@ -27,6 +28,7 @@ pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
         friction_scale: r.numbers("friction_scale", range(0.0, 100.0, "1")),
         pushes: pushes(r),
         random_pushes: r.optional_table("random_pushes", random_pushes),
+        faults: r.parsed_texts("faults", Injection::parse, Injection::text),
         actuator_lag_s: r.number("actuator_lag_s", range(0.0, 1.0, "s")),
         actuator_delay: Span::from_s(r.number("actuator_delay_s", range(0.0, 0.1, "s"))),
         torque_limit_nm: r.optional_number("torque_limit_nm", range(0.0, 1e4, "Nm")),

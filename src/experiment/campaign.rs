@@ -122,6 +122,7 @@ impl Campaign {
                 path: self.base.config.as_deref(),
                 model: self.base.model.as_deref(),
                 overrides: &set,
+                faults: &[],
                 plays_robot: false,
             };
             match config::load_choice(choice) {
