@@ -14,7 +14,7 @@ use crate::bus::line::SYNC_FRAME;
 use crate::bus::{SendError, Transmit};
 use crate::channel::ring::Ring;
 use crate::config::checked::{RealTime, Trigger};
-use crate::msg::{BUSES, BusHealth, TickInput, TickRecord};
+use crate::msg::{BUSES, BusHealth, FrameBatch, TickInput, TickRecord};
 use crate::sensor::operator::Hand;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -116,15 +116,8 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
         self.walk.step(&desk.input, &mut desk.record);
         let wires = self.wires.iter_mut().zip(&desk.record.output.send).zip(&mut desk.link_down);
         for (((wire, frames), down), unsent) in wires.zip(&mut desk.input.unsent) {
-            *down = false;
-            // Preempted on the way: what was decided a period ago is not sent any more; the next tick decides anew.
-            *unsent = clock::now().since(begin) > self.timing.period;
-            if *unsent {
-                continue;
-            }
-            for frame in frames {
-                *down |= self.progress.sent(wire.send(&frame.frame));
-            }
+            let is_fresh = || clock::now().since(begin) <= self.timing.period;
+            (*down, *unsent) = send_fresh(wire.as_mut(), frames, &self.progress, is_fresh);
         }
         let step_time: Span = clock::now().since(begin);
         self.handover.push(&desk.record);
@@ -134,6 +127,25 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
     }
 }
 
+/// Hands over the frames one by one, each only while it is fresh: preempted on the way, what was decided a period ago is
+/// not sent any more, and the next tick decides anew. Says whether the link is down, and whether anything was not sent.
+fn send_fresh(
+    wire: &mut (dyn Transmit + Send),
+    frames: &FrameBatch,
+    progress: &Progress,
+    is_fresh: impl Fn() -> bool,
+) -> (bool, bool) {
+    let mut down = false;
+    for frame in frames {
+        if !is_fresh() {
+            return (down, true);
+        }
+        down |= progress.sent(wire.send(&frame.frame));
+    }
+    // With nothing to send, what counts is whether it would have been sent.
+    (down, frames.count == 0 && !is_fresh())
+}
+
 impl Progress {
     /// Counts a refused frame; true if the link is down.
     fn sent(&self, result: Result<(), SendError>) -> bool {
@@ -141,5 +153,47 @@ impl Progress {
             self.refused_frames.fetch_add(1, Ordering::Relaxed);
         }
         result == Err(SendError::Down)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::time::Stamp;
+    use crate::msg::{BusFrame, CanFrame};
+    use std::cell::Cell;
+    use std::rc::Rc;
+
+    /// Counts what it is handed.
+    struct Counting(u32);
+
+    impl Transmit for Counting {
+        fn send(&mut self, _frame: &CanFrame) -> Result<(), SendError> {
+            self.0 += 1;
+            Ok(())
+        }
+    }
+
+    /// So many of three frames are handed over when they grow old after so many looks; and whether all counted as sent.
+    fn sent(fresh_looks: u32) -> (u32, bool) {
+        let mut frames = FrameBatch::default();
+        for k in 0..3 {
+            assert!(frames.push(BusFrame::ours(Stamp(0), CanFrame::new(0x201 + k, &[]))));
+        }
+        let looks = Rc::new(Cell::new(0));
+        let is_fresh = || {
+            looks.set(looks.get() + 1);
+            looks.get() <= fresh_looks
+        };
+        let mut wire = Counting(0);
+        let (_, unsent) = send_fresh(&mut wire, &frames, &Progress::default(), is_fresh);
+        (wire.0, !unsent)
+    }
+
+    #[test]
+    fn a_frame_that_has_grown_old_between_step_and_wire_is_not_sent_nor_those_after_it() {
+        assert_eq!(sent(3), (3, true), "what has been handed over was sent");
+        assert_eq!(sent(0), (0, false), "preempted before the first");
+        assert_eq!(sent(1), (1, false), "preempted after the first");
     }
 }
