@@ -1,7 +1,8 @@
 //! Does a drive make the torque that it was asked for? RT: yes.
 //!
 //! What it shows must lie between the lowest and the highest torque commanded of late, with a margin: so neither the
-//! lag of its current loop nor the delay of the bus is blamed.
+//! lag of its current loop nor the delay of the bus is blamed. And where all of them push one way, it must not show
+//! nothing or the opposite, however little they ask.
 
 /// Commands that are looked back at: more than lag and delay of any drive that this control works with.
 const WINDOW: usize = 16;
@@ -9,12 +10,17 @@ const WINDOW: usize = 16;
 const MARGIN_PERMILLE: i16 = 300;
 /// Answers in a row that must be wrong: 50 ms at 1 kHz.
 const PATIENCE: u8 = 50;
+/// All commands of the window have one sign and are at least this: there is something to follow, 1/1000 of rated.
+const WORTH_FOLLOWING: i16 = 30;
+/// Less than this part of the smallest of them is no torque.
+const NO_PART: i16 = 4;
 
 /// The torques commanded of late.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Agreement {
     commanded: [i16; WINDOW],
     wrong: u8,
+    absent: u8,
 }
 
 impl Agreement {
@@ -27,10 +33,14 @@ impl Agreement {
 
     /// The drive shows this torque. True if it has disagreed for too long.
     pub(super) fn is_broken_by(&mut self, shown_permille: i16) -> bool {
-        let low = self.commanded.iter().copied().min().unwrap_or(0).saturating_sub(MARGIN_PERMILLE);
-        let high = self.commanded.iter().copied().max().unwrap_or(0).saturating_add(MARGIN_PERMILLE);
+        let lowest = self.commanded.iter().copied().min().unwrap_or(0);
+        let highest = self.commanded.iter().copied().max().unwrap_or(0);
+        let (low, high) = (lowest.saturating_sub(MARGIN_PERMILLE), highest.saturating_add(MARGIN_PERMILLE));
         self.wrong = if (low..=high).contains(&shown_permille) { 0 } else { self.wrong.saturating_add(1) };
-        self.wrong >= PATIENCE
+        let absent = (lowest >= WORTH_FOLLOWING && shown_permille < lowest / NO_PART)
+            || (highest <= -WORTH_FOLLOWING && shown_permille > highest / NO_PART);
+        self.absent = if absent { self.absent.saturating_add(1) } else { 0 };
+        self.wrong >= PATIENCE || self.absent >= PATIENCE
     }
 }
 
@@ -55,6 +65,8 @@ mod tests {
     #[test]
     fn a_drive_that_makes_no_torque_or_the_opposite_one_is_found() {
         assert_eq!(answers_until_broken(|_| 1000, |_| 0), Some(64), "once zero has left the window");
+        assert_eq!(answers_until_broken(|_| -60, |_| 0), Some(64), "however little is asked");
+        assert_eq!(answers_until_broken(|k| if k / 40 % 2 == 0 { 60 } else { -60 }, |_| 0), None, "to and fro");
         assert_eq!(answers_until_broken(|_| 1000, |_| -1000), Some(49));
         assert_eq!(answers_until_broken(|_| 0, |_| 400), Some(49));
     }

@@ -35,6 +35,8 @@ const ZERO_COMMANDS: u8 = 2;
 const DOUBLED_ANSWERS: u8 = 20;
 /// So many answers may show it enabled after it was told to be off.
 const ASTRAY_ANSWERS: u8 = 50;
+/// Commands of zero torque and no power to a drive that is given up while it may follow the last one.
+const FAREWELLS: u8 = 2;
 /// Commands that the reset bit stays low, then high.
 const RESET_HOLD: u8 = 4;
 
@@ -113,6 +115,8 @@ pub(super) struct DriveLine {
     doubled: u8,
     /// Torque in the last command.
     torque_permille: i16,
+    /// Commands still due to a drive that was given up.
+    farewells: u8,
 }
 
 impl DriveLine {
@@ -142,12 +146,13 @@ impl DriveLine {
             astray: 0,
             doubled: 0,
             torque_permille: 0,
+            farewells: 0,
         }
     }
 
     /// The command takes goal or torque away from what was sent last.
     pub(super) fn is_lowered_by(&self, command: &DriveCommand) -> bool {
-        command.goal < self.goal || (self.torque_permille != 0 && command.torque_permille == 0)
+        self.farewells > 0 || command.goal < self.goal || (self.torque_permille != 0 && command.torque_permille == 0)
     }
 
     /// True while its process data flow.
@@ -269,6 +274,7 @@ impl DriveLine {
     /// The bus is dead: everything known of the drive is void.
     pub(super) fn on_stall(&mut self) {
         self.phase = Phase::Reset;
+        self.farewells = 0;
         self.give_up(SetupFault::BusStalled);
     }
 
@@ -368,14 +374,19 @@ impl DriveLine {
     /// True if a command should go out in this phase of the round: its turn, or the goal drops.
     pub(super) fn wants_command(&self, phase: u32, command: &DriveCommand) -> bool {
         let turn = phase % self.slot.divisor == self.slot.command;
-        self.is_operating() && (turn || command.goal < self.goal)
+        self.farewells > 0 || (self.is_operating() && (turn || command.goal < self.goal))
     }
 
     /// The command, one step of the power state machine at a time.
     pub(super) fn command(&mut self, now: Stamp, command: &DriveCommand) -> PdoData {
-        self.goal = command.goal;
         // The oldest in flight counts.
         self.command_in_flight.get_or_insert(now);
+        if self.farewells > 0 {
+            self.farewells -= 1;
+            (self.goal, self.torque_permille) = (DriveGoal::Disabled, 0);
+            return self.stop_command();
+        }
+        self.goal = command.goal;
         let controlword = self.controlword();
         let follows = self.follows_commands();
         match self.mode {
@@ -447,7 +458,9 @@ impl DriveLine {
         self.feedback.error_code = 0;
     }
 
+    /// A drive that followed commands would follow the last one until its own watchdog bites.
     fn fail(&mut self, now: Stamp, fault: SetupFault) {
+        self.farewells = if self.is_operating() { FAREWELLS } else { 0 };
         self.phase = Phase::Failed { until: now + RETRY };
         self.give_up(fault);
     }
