@@ -38,6 +38,16 @@ impl<B> Faulty<B> {
         Self { bus, faults, rng: ChaCha8Rng::seed_from_u64(seed), next: None, late: None }
     }
 
+    /// Other faults from now on.
+    pub fn set(&mut self, faults: Faults) {
+        self.faults = faults;
+    }
+
+    /// The bus behind the faults.
+    pub fn inner_mut(&mut self) -> &mut B {
+        &mut self.bus
+    }
+
     #[expect(clippy::cast_precision_loss, reason = "a draw of 53 bits")]
     fn draw(&mut self, share: f64) -> bool {
         ((self.rng.next_u64() >> 11) as f64) < share * 9_007_199_254_740_992.0
@@ -67,6 +77,9 @@ impl<B: Receive> Receive for Faulty<B> {
         }
         loop {
             let Some(mut frame) = self.bus.receive() else { return self.late.take() };
+            if self.faults == Faults::default() && self.late.is_none() {
+                return Some(frame);
+            }
             if self.draw(self.faults.lose) {
                 continue;
             }

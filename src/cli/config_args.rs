@@ -1,5 +1,7 @@
 //! The configuration on the command line, alike in every subcommand: `--config F`, `--set key=value`. RT: no.
 
+use super::UsageError;
+use crate::config::fault::Place;
 use crate::config::{self, Choice, Errors, Resolved};
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -37,11 +39,28 @@ impl ConfigArgs {
         self.load_for(true)
     }
 
+    /// With faults of the command line, all of which can be injected in this place.
+    ///
+    /// # Errors
+    /// Everything that is wrong, at once.
+    pub fn load_with_faults(&self, faults: &[String], place: Place) -> anyhow::Result<Resolved> {
+        let resolved = self.load_choice(faults, place == Place::Plant)?;
+        for fault in &resolved.config.simulation.faults {
+            fault.check_place(place).map_err(UsageError)?;
+        }
+        Ok(resolved)
+    }
+
     fn load_for(&self, plays_robot: bool) -> Result<Resolved, Errors> {
+        self.load_choice(&[], plays_robot)
+    }
+
+    fn load_choice(&self, faults: &[String], plays_robot: bool) -> Result<Resolved, Errors> {
         let resolved = config::load_choice(Choice {
             path: self.path.as_deref(),
             model: self.model.as_deref(),
             overrides: &self.overrides,
+            faults,
             plays_robot,
         })?;
         for warning in &resolved.warnings {

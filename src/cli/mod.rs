@@ -11,6 +11,7 @@ pub mod config_args;
 mod diagnose;
 mod doctor;
 mod experiment;
+mod faults;
 mod identify;
 mod inspect;
 mod operator;

@@ -1,9 +1,11 @@
 //! `compass plant`: the simulated robot as a process of its own, on SocketCAN and a pseudo-terminal. RT: no.
 
 use super::config_args::ConfigArgs;
+use super::faults;
 use super::{Outcome, Run, UsageError};
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
+use crate::config::fault::Place;
 use crate::msg::Drive;
 use crate::rt::clock;
 use crate::rt::stop::Stop;
@@ -20,6 +22,7 @@ Examples:
   ip link add vcan0 type vcan; ip link set vcan0 up       and the same for vcan1
   compass plant --set robot.bus0.backend=socketcan:vcan0 --set robot.bus1.backend=socketcan:vcan1
   compass plant --config robot.toml --for 60
+  compass plant --config robot.toml --fault boot_up@20s:drive=hip
 
 If robot.imu.backend names a path, it becomes a symbolic link to the pseudo-terminal; otherwise its path is printed.
 A line per second tells angles, hip torque and the drives' states. Ends with SIGINT, SIGTERM or SIGHUP.
@@ -27,6 +30,9 @@ Exit codes: 0 fine, 2 configuration, 3 no such interface.")]
 pub(crate) struct Args {
     #[command(flatten)]
     config: ConfigArgs,
+    /// Injects a fault: NAME@TIME[:ARGS], such as boot_up@3s:drive=hip. May be given often. `list` prints them all
+    #[arg(long = "fault", value_name = "FAULT")]
+    faults: Vec<String>,
     /// Ends after so many seconds
     #[arg(long = "for", value_name = "SECONDS")]
     for_s: Option<f64>,
@@ -34,7 +40,10 @@ pub(crate) struct Args {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
-        let config = self.config.load_as_robot()?.config;
+        if faults::is_listed(&self.faults)? {
+            return Ok(Outcome::Fine);
+        }
+        let config = self.config.load_with_faults(&self.faults, Place::Plant)?.config;
         let stop = Stop::on_signals()?;
         let mut served = open(&config)?;
         let mut out = io::stdout().lock();

@@ -1,10 +1,12 @@
 //! `compass sim`: the real tick and the simulated robot in lockstep, as fast as the machine goes. RT: no.
 
 use super::config_args::ConfigArgs;
+use super::faults;
 use super::progress;
 use super::{Outcome, Run};
 use crate::base::time::Span;
 use crate::config::Resolved;
+use crate::config::fault::Place;
 use crate::msg::TickRecord;
 use crate::record::Recorder;
 use crate::sim::lockstep::Lockstep;
@@ -29,6 +31,9 @@ Examples:
   compass sim --for 600              ten minutes, in a few seconds
   compass sim --for 30 --record recordings/
   compass sim --set control.observer_epsilon_s=0.02 --set control.lqr_r=0.01    thesis 4.4: it rings at 10 Hz
+  compass sim --fault bus_off@3s:bus=1,for=200ms --fault imu_stall@6s
+  compass sim --fault list           every fault, one a line; `table`: what the robot does about each (a minute)
+  compass sim --soak 1000 --for 4    random faults, many times
   compass sim --set control.stance=outer --set sim.stance=outer --seed 7
 
 Exit codes: 0 stands at the end, 1 fell or faulted, 2 usage or configuration.")]
@@ -41,6 +46,12 @@ pub(crate) struct Args {
     /// Seed of all noise, instead of the configured one
     #[arg(long)]
     seed: Option<u64>,
+    /// Injects a fault: NAME@TIME[:ARGS], such as bus_off@3s:bus=1,for=200ms. May be given often. `list` prints them all
+    #[arg(long = "fault", value_name = "FAULT")]
+    faults: Vec<String>,
+    /// Runs so often with random faults instead, and says whether torque, limits and latch held in every tick
+    #[arg(long, value_name = "RUNS", conflicts_with_all = ["faults", "record", "seed"])]
+    soak: Option<u64>,
     /// Records every tick into this folder
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
@@ -48,10 +59,16 @@ pub(crate) struct Args {
 
 impl Run for Args {
     fn run(mut self) -> anyhow::Result<Outcome> {
+        if faults::is_listed(&self.faults)? {
+            return Ok(Outcome::Fine);
+        }
         if let Some(seed) = self.seed {
             self.config.overrides.push(format!("sim.seed={seed}"));
         }
-        let resolved = self.config.load()?;
+        let resolved = self.config.load_with_faults(&self.faults, Place::Sim)?;
+        if let Some(runs) = self.soak {
+            return faults::soak(&resolved.config, runs, Span::from_s(self.length_s));
+        }
         let mut lockstep = Lockstep::new(&resolved.config)?;
         let recorder = self.start_recorder(&resolved)?;
         let length = Span::from_s(self.length_s);

@@ -84,6 +84,9 @@ pub struct SimulatedHand {
     next_confirmation: Stamp,
     zeroings: u32,
     sequence: u32,
+    /// After a fault it lets go and presses again.
+    rearms: bool,
+    since_fault: Option<Stamp>,
 }
 
 impl SimulatedHand {
@@ -105,7 +108,15 @@ impl SimulatedHand {
             next_confirmation: Stamp::NEVER,
             zeroings: 0,
             sequence: 0,
+            rearms: false,
+            since_fault: None,
         }
+    }
+
+    /// The same hand, which after a fault lets go, presses again, and so on until the robot is armed.
+    #[must_use]
+    pub const fn rearming(self) -> Self {
+        Self { rearms: true, ..self }
     }
 
     /// How it is at `now`.
@@ -114,16 +125,39 @@ impl SimulatedHand {
         if self.next_press == Stamp::NEVER {
             self.next_press = start + self.press;
         }
+        let presses_anew = self.after_fault(now, seen);
         let holds_for_toes = self.look_after_zeros(now, seen);
         self.sequence = self.sequence.wrapping_add(1);
         let gone = self.release.is_some_and(|release| now.since(start) >= release);
         OperatorSample {
             stamp: now,
-            dead_man: holds_for_toes || (self.presses(now, seen) && !gone),
+            dead_man: presses_anew.unwrap_or_else(|| holds_for_toes || (self.presses(now, seen) && !gone)),
             sequence: self.sequence,
             zeroings: self.zeroings,
             zero_angle_rad: self.zero_angle_rad,
         }
+    }
+
+    /// After a fault: open for a moment, then pressed for a while, and again. `None` while there is none to come back from.
+    fn after_fault(&mut self, now: Stamp, seen: &Status) -> Option<bool> {
+        if !self.rearms || !matches!(seen.mode, Mode::Faulted | Mode::Arming) {
+            if self.since_fault.take().is_some() {
+                // Armed, it goes on holding; homed, it begins anew.
+                (self.pressed, self.next_press) = (seen.mode == Mode::Armed, now + LET_GO);
+            }
+            return None;
+        }
+        if seen.mode == Mode::Arming {
+            return self.since_fault.map(|_| true);
+        }
+        let since = *self.since_fault.get_or_insert(now);
+        // The hip's zero is confirmed while the switch is open.
+        let missing = seen.arm_blockers & (1 << FaultCode::ZeroUnknown as u8) != 0;
+        if missing && now >= self.next_confirmation {
+            self.zeroings = self.zeroings.wrapping_add(1);
+            self.next_confirmation = now + CONFIRM_AGAIN;
+        }
+        Some(now.since(since).0.rem_euclid(2 * LET_GO.0) >= LET_GO.0)
     }
 
     /// Confirms the hip's zero while one is missing; true while it holds the switch for the toes.

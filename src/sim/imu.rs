@@ -6,6 +6,7 @@
 
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::{Imu, ImuErrors};
+use crate::config::fault::{FaultName, Injection};
 use crate::sensor::imu_codec::{
     FLAG_ORIENTATION, Found, Kind, MAX_ORIENTATION_HZ, MAX_RATE_HZ, MAX_REQUEST, Reply, Request, STANDARD_GRAVITY_M_S2,
     Sampling, TICKS_PER_S,
@@ -18,6 +19,10 @@ use std::collections::VecDeque;
 const DYNAMIC_CORRELATION_S: f64 = 1.0;
 /// Messages that wait in the device while its line is busy; then it throws the newest away.
 const LINE_QUEUE: usize = 8;
+/// A USB adapter with its usual latency timer delivers so often.
+const BURST: Span = Span::from_ms(16);
+/// Makes what the line suffers another stream than the device's noise.
+const TROUBLE_STREAM: u64 = 0x7478_6E00;
 /// From switching on to the first moment that we look: the device's timer does not start with ours.
 const TIMER_START: u32 = 1_234_567;
 
@@ -38,6 +43,27 @@ pub struct SimImu {
     line: VecDeque<(Stamp, Vec<u8>)>,
     line_busy_until: Stamp,
     thrown_away: u32,
+    trouble: Trouble,
+}
+
+/// What is wrong with the device or its line.
+#[derive(Clone, Debug)]
+struct Trouble {
+    /// Bytes suffer: kind and share.
+    bytes: Option<(&'static str, f64)>,
+    /// The adapter delivers every 16 ms.
+    bursts: bool,
+    /// The stream stands still.
+    stalled: bool,
+    /// The line has another rate.
+    wrong_baud: bool,
+    /// Numbers are none.
+    nan: bool,
+    /// The adapter is gone.
+    unplugged: bool,
+    /// What its timer showed when we switched on.
+    timer_start: u32,
+    draws: Noise,
 }
 
 /// The attitude filter's state.
@@ -78,7 +104,50 @@ impl SimImu {
             line: VecDeque::new(),
             line_busy_until: Stamp::default(),
             thrown_away: 0,
+            trouble: Trouble {
+                bytes: None,
+                bursts: false,
+                stalled: false,
+                wrong_baud: false,
+                nan: false,
+                unplugged: false,
+                timer_start: TIMER_START,
+                draws: Noise::new(seed ^ TROUBLE_STREAM),
+            },
         }
+    }
+
+    /// A timer that shall wrap at a time has to start in time.
+    pub(super) fn prepare(&mut self, faults: &[Injection]) {
+        if let Some(wrap) = faults.iter().find(|fault| fault.entry.fault == FaultName::ImuTimerWrap) {
+            self.trouble.timer_start = 0_u32.wrapping_sub(ticks_since(Stamp::default() + wrap.at));
+        }
+    }
+
+    /// Something breaks, or is whole again.
+    pub(super) fn suffer(&mut self, now: Stamp, fault: &Injection, on: bool) {
+        match fault.entry.fault {
+            FaultName::ImuBytes => self.trouble.bytes = on.then_some((fault.kind, fault.share)),
+            FaultName::ImuBursts => self.trouble.bursts = on,
+            FaultName::ImuStall => self.trouble.stalled = on,
+            FaultName::ImuWrongBaud => self.trouble.wrong_baud = on,
+            FaultName::ImuNan => self.trouble.nan = on,
+            FaultName::ImuReplug => {
+                self.trouble.unplugged = on;
+                // It lost its power: as fresh from the shelf.
+                self.streams = None;
+                self.sampling = Sampling::default();
+                self.line.clear();
+                self.heard.clear();
+                self.line_busy_until = now;
+            }
+            _ => {}
+        }
+    }
+
+    /// Its adapter is plugged in.
+    pub(super) const fn is_plugged(&self) -> bool {
+        !self.trouble.unplugged
     }
 
     /// When it measures next, if it streams.
@@ -99,12 +168,18 @@ impl SimImu {
         let period = Span(i64::from(self.sampling.decimation) * 1_000_000_000 / i64::from(MAX_RATE_HZ));
         self.next = now + period;
         let message = self.message(kind, now, reading);
+        if self.trouble.stalled {
+            return;
+        }
         let ready = now + Span::from_s(self.errors.latency_s);
         self.send(ready, &message, true);
     }
 
     /// Bytes from the host.
     pub fn hear(&mut self, now: Stamp, bytes: &[u8], reading: &Reading) {
+        if self.trouble.unplugged || self.trouble.wrong_baud {
+            return;
+        }
         self.heard.extend_from_slice(bytes);
         loop {
             match Request::parse(&self.heard) {
@@ -122,15 +197,38 @@ impl SimImu {
 
     /// Bytes that have arrived at the host by now.
     pub fn take(&mut self, now: Stamp, out: &mut Vec<u8>) {
-        while self.line.front().is_some_and(|(at, _)| *at <= now) {
+        let until = if self.trouble.bursts { Stamp(now.0 - now.0.rem_euclid(BURST.0)) } else { now };
+        while self.line.front().is_some_and(|(at, _)| *at <= until) {
             if let Some((_, bytes)) = self.line.pop_front() {
-                out.extend_from_slice(&bytes);
+                self.spoil(&bytes, out);
+            }
+        }
+    }
+
+    /// What the line makes of the bytes.
+    fn spoil(&mut self, bytes: &[u8], out: &mut Vec<u8>) {
+        let trouble = &mut self.trouble;
+        if trouble.unplugged {
+            return;
+        }
+        if trouble.wrong_baud {
+            // A line read at another rate gives bytes that have little to do with those sent.
+            return out.extend(bytes.iter().map(|byte| byte.rotate_left(3) ^ draw_byte(&mut trouble.draws)));
+        }
+        let Some((kind, share)) = trouble.bytes else { return out.extend_from_slice(bytes) };
+        for byte in bytes {
+            let hit = trouble.draws.uniform() < share;
+            match kind {
+                "lost" if hit => {}
+                "inserted" if hit => out.extend([*byte, draw_byte(&mut trouble.draws)]),
+                "flipped" if hit => out.push(byte ^ 1 << (draw_byte(&mut trouble.draws) % 8)),
+                _ => out.push(*byte),
             }
         }
     }
 
     fn obey(&mut self, now: Stamp, request: &Request, reading: &Reading) {
-        let ticks = ticks(now);
+        let ticks = self.ticks(now);
         match *request {
             Request::StopContinuous => self.streams = None,
             Request::Identity(selector) => {
@@ -179,13 +277,15 @@ impl SimImu {
     }
 
     fn message(&mut self, kind: Kind, now: Stamp, reading: &Reading) -> Reply {
-        let ticks = ticks(now);
+        let ticks = self.ticks(now);
         let pitch_rad = self.sign * (reading.leg_angle_rad[0] - self.offset_rad);
         let pitch_rate = self.sign * reading.leg_rate_rad_s[0];
         let attitude = self.attitude(now, pitch_rad, pitch_rate);
         let n = self.errors;
         let rate_rad_s = [0.0, pitch_rate, 0.0].map(|w| narrow(w + n.rate_noise_rad_s * self.noise.normal()));
         let euler_rad = [0.0, attitude, 0.0].map(|a| narrow(a + n.attitude_noise_rad * self.noise.normal()));
+        let nan = if self.trouble.nan { f32::NAN } else { 0.0 };
+        let (rate_rad_s, euler_rad) = (rate_rad_s.map(|w| w + nan), euler_rad.map(|a| a + nan));
         let accel_g = specific_force_g(pitch_rad, reading.imu_accel_m_s2)
             .map(|a| narrow(a + n.accel_noise_g * self.noise.normal()));
         match kind {
@@ -197,6 +297,11 @@ impl SimImu {
             }
             _ => Reply::AccelRate { accel_g, rate_rad_s, ticks },
         }
+    }
+
+    /// The device's timer.
+    fn ticks(&self, now: Stamp) -> u32 {
+        ticks_since(now).wrapping_add(self.trouble.timer_start)
     }
 
     /// What the device's filter believes the pitch to be.
@@ -216,11 +321,15 @@ impl SimImu {
     }
 }
 
-/// The device's timer.
+/// Ticks of the device's timer since time zero.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "wraps, as the device's does")]
-fn ticks(now: Stamp) -> u32 {
-    let ticks = i128::from(now.0) * i128::from(TICKS_PER_S) / 1_000_000_000;
-    (ticks as u32).wrapping_add(TIMER_START)
+fn ticks_since(now: Stamp) -> u32 {
+    (i128::from(now.0) * i128::from(TICKS_PER_S) / 1_000_000_000) as u32
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 255")]
+fn draw_byte(noise: &mut Noise) -> u8 {
+    (noise.uniform() * 256.0) as u8
 }
 
 /// Specific force in the device's axes, x forward, z down, g: (0, 0, -1) when it stands level.

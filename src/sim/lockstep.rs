@@ -5,6 +5,7 @@
 
 use super::outcome::Watch;
 use super::plant::Plant;
+use super::trouble::outside::Outside;
 use super::world::{self, WorldError};
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
@@ -30,6 +31,7 @@ pub struct Lockstep {
     plant: Plant,
     imu: ImuReader,
     hand: SimulatedHand,
+    outside: Outside,
     input: TickInput,
     record: Box<TickRecord>,
     bytes: Vec<u8>,
@@ -49,6 +51,7 @@ impl Lockstep {
             plant: Plant::with_world(config, world::build(config)?),
             imu: ImuReader::new(&config.robot.imu),
             hand: SimulatedHand::new(config),
+            outside: Outside::new(&config.simulation.faults),
             input: TickInput { bus_health: [BusHealth::Active; BUSES], ..TickInput::default() },
             record: Box::default(),
             bytes: Vec::new(),
@@ -56,6 +59,14 @@ impl Lockstep {
             digest: FNV_OFFSET,
             watch: Watch::new(config),
         })
+    }
+
+    /// The same, with an operator who presses again after a fault.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_rearming_hand(config: &Config) -> Result<Self, LockstepError> {
+        Ok(Self { hand: SimulatedHand::new(config).rearming(), ..Self::new(config)? })
     }
 
     /// Time of the tick to come.
@@ -89,14 +100,31 @@ impl Lockstep {
 
     /// One period: the robot moves up to the tick's time, the tick runs, its frames go out.
     pub fn step(&mut self) -> &TickRecord {
+        self.outside.come_late(&mut self.input, self.period);
         self.plant.advance_to(self.input.now);
         self.collect();
         self.act()
     }
 
-    fn act(&mut self) -> &TickRecord {
+    /// The same with an input that somebody has tampered with on its way to the tick.
+    pub fn step_with(&mut self, tamper: impl FnOnce(&mut TickInput)) -> &TickRecord {
+        self.plant.advance_to(self.input.now);
+        self.collect();
         self.input.operator = self.hand.poll(self.input.now, &self.record.status);
-        self.tick.step(&self.input, &mut self.record);
+        let mut input = self.input;
+        tamper(&mut input);
+        self.walk(&input)
+    }
+
+    fn act(&mut self) -> &TickRecord {
+        let hand = self.hand.poll(self.input.now, &self.record.status);
+        self.input.operator = self.outside.hand(hand, &self.input.operator);
+        let input = self.input;
+        self.walk(&input)
+    }
+
+    fn walk(&mut self, input: &TickInput) -> &TickRecord {
+        self.tick.step(input, &mut self.record);
         for (bus, frames) in self.record.output.send.iter().enumerate() {
             for frame in frames {
                 // A full queue before the wire shows as a stalled bus, as on the robot.
@@ -116,6 +144,7 @@ impl Lockstep {
             *batch = FrameBatch { dropped: batch.dropped, ..FrameBatch::default() };
             self.plant.take_frames(bus, batch);
         }
+        input.bus_health = self.plant.bus_health();
         input.heard_until = [now; BUSES];
         input.imu_heard_until = now;
         input.imu.count = 0;

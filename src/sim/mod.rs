@@ -15,6 +15,7 @@ pub mod scenario;
 pub mod served;
 mod toes;
 mod torque_delay;
+pub mod trouble;
 pub mod wire;
 pub mod world;
 

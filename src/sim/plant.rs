@@ -7,50 +7,54 @@ use super::drive::{Electrics, SimDrive};
 use super::imu::SimImu;
 use super::noise::Noise;
 use super::pushes::Pushes;
+use super::trouble::Schedule;
+use super::trouble::wires::{HostEnd, Stranger};
 use super::wire::{Delivered, Wire};
 use super::{Reading, World};
 use crate::base::time::{Span, Stamp};
-use crate::bus::canopen::Object;
+use crate::bus::canopen::{Message, Object};
 use crate::bus::cia402::State;
 use crate::config::checked::{Config, DriveConfig, Hip, Robot, Simulation, Toe};
-use crate::msg::{BUSES, BusFrame, CanFrame, DRIVES, Drive, FrameBatch, TOES};
-use std::collections::VecDeque;
+use crate::msg::{BUSES, BusFrame, BusHealth, CanFrame, DRIVES, Drive, FrameBatch, TOES};
 
 /// The controller's place among the senders of a wire; drive k is sender k + 1.
-const HOST: usize = 0;
+pub(super) const HOST: usize = 0;
+/// The place of somebody who does not belong there.
+pub(super) const STRANGER: usize = DRIVES + 1;
 /// Drives look after their timers so often.
 const DRIVE_TICK: Span = Span::from_ms(1);
 /// The world is not moved for less: at 10 rad/s a leg moves a fifth of an encoder count in it.
 const GRAIN: Span = Span::from_us(5);
 /// The world is moved at least so often.
 const LONGEST_STEP: Span = Span::from_ms(1);
-/// Frames that wait for the controller; beyond this it has stopped reading.
-const HOST_QUEUE: usize = 1024;
 
 /// Makes the potentiometers' noise another stream than the IMU's.
 const POT_STREAM: u64 = 0x706F_7400;
 
 /// The simulated robot.
 pub struct Plant {
-    now: Stamp,
+    pub(super) now: Stamp,
     world: Box<dyn World>,
     world_time: Stamp,
     /// What the world shows at `world_time`.
     reading: Reading,
     units: Units,
-    bus_of: [usize; DRIVES],
-    drives: Vec<SimDrive>,
-    wires: Vec<Wire>,
+    pub(super) bus_of: [usize; DRIVES],
+    nodes: [u8; DRIVES],
+    pub(super) drives: Vec<SimDrive>,
+    pub(super) wires: Vec<Wire>,
     next_drive_tick: Stamp,
     release_after: Span,
     hip_powered_since: Option<Stamp>,
     pushes: Pushes,
-    imu: SimImu,
+    pub(super) imu: SimImu,
     pot_noise: Noise,
     echo: bool,
-    to_host: Vec<VecDeque<BusFrame>>,
+    pub(super) hosts: Vec<HostEnd>,
+    pub(super) strangers: [Option<Stranger>; BUSES],
+    troubles: Schedule,
+    oldest_command: [Span; 2],
     answers: Vec<CanFrame>,
-    dropped: [u32; BUSES],
 }
 
 /// Factors between the drives' units and the world's.
@@ -118,8 +122,9 @@ impl Plant {
             reading,
             units,
             bus_of: std::array::from_fn(|k| robot.drives[k].bus),
+            nodes: std::array::from_fn(|k| robot.drives[k].node),
             drives: drives.collect(),
-            wires: robot.buses.iter().map(|b| Wire::new(b.rates(), timed, DRIVES + 1)).collect(),
+            wires: robot.buses.iter().map(|b| Wire::new(b.rates(), timed, STRANGER + 1)).collect(),
             next_drive_tick: Stamp::default(),
             release_after: config.simulation.release_after,
             hip_powered_since: None,
@@ -127,10 +132,13 @@ impl Plant {
             imu: SimImu::new(&robot.imu, &config.simulation.imu, config.simulation.seed),
             pot_noise: Noise::new(config.simulation.seed ^ POT_STREAM),
             echo: true,
-            to_host: vec![VecDeque::new(); BUSES],
+            hosts: (0..BUSES).map(|bus| HostEnd::new(config.simulation.seed, bus)).collect(),
+            strangers: [const { None }; BUSES],
+            troubles: Schedule::of(&config.simulation.faults, false),
+            oldest_command: [Span::ZERO; 2],
             answers: Vec::new(),
-            dropped: [0; BUSES],
         };
+        plant.imu.prepare(&config.simulation.faults);
         plant.boot_drives(Stamp::default());
         plant
     }
@@ -140,6 +148,7 @@ impl Plant {
         self.now = now;
         self.world_time = now;
         self.next_drive_tick = now;
+        self.troubles.start_at(now);
         self.boot_drives(now);
     }
 
@@ -205,6 +214,11 @@ impl Plant {
         self.put_answers(index, self.now);
     }
 
+    /// Node of the hip's drive, if it is on this bus; else of the first drive there.
+    pub(super) fn first_node(&self, bus: usize) -> u8 {
+        (0..DRIVES).find(|k| self.bus_of[*k] == bus).map_or(1, |k| self.nodes[k])
+    }
+
     /// Nobody on this bus acknowledges, or all is well again.
     pub fn set_bus_silent(&mut self, bus: usize, silent: bool) {
         self.wires[bus].set_silent(self.now, silent);
@@ -221,23 +235,32 @@ impl Plant {
         self.wires[bus].flush(HOST);
     }
 
-    /// A frame from the controller, sent now. False if the queue before the wire is full.
+    /// A frame from the controller, sent now. False if the queue before the wire is full, or the link dead.
     pub fn deliver(&mut self, bus: usize, frame: &CanFrame) -> bool {
-        self.wires[bus].put(self.now, HOST, *frame)
+        let host = &self.hosts[bus];
+        !host.is_full && !host.is_deaf() && self.wires[bus].put(self.now, HOST, *frame)
     }
 
     /// Frames that have reached the controller, as many as fit.
     pub fn take_frames(&mut self, bus: usize, batch: &mut FrameBatch) {
-        while let Some(frame) = self.to_host[bus].front().filter(|f| batch.has_room(&f.frame)) {
-            batch.push(*frame);
-            self.to_host[bus].pop_front();
-        }
-        batch.dropped = batch.dropped.max(self.dropped[bus]);
+        self.hosts[bus].take(self.now, batch);
+    }
+
+    /// How the controller's end of each bus is.
+    #[must_use]
+    pub fn bus_health(&self) -> [BusHealth; BUSES] {
+        std::array::from_fn(|bus| self.hosts[bus].health())
     }
 
     /// Bytes from the controller to the IMU.
     pub fn deliver_imu_bytes(&mut self, bytes: &[u8]) {
         self.imu.hear(self.now, bytes, &self.reading);
+    }
+
+    /// The IMU's adapter is plugged in.
+    #[must_use]
+    pub const fn imu_is_plugged(&self) -> bool {
+        self.imu.is_plugged()
     }
 
     /// Bytes of the IMU that have reached the controller.
@@ -261,6 +284,8 @@ impl Plant {
                     self.drives[Drive::Hip as usize].take_torque(at);
                 }
                 Event::Push => self.push(at),
+                Event::Trouble => self.take_trouble(at),
+                Event::Stranger(bus) => self.hear_stranger(bus, at),
             }
         }
         self.now = self.now.max(t);
@@ -283,7 +308,32 @@ impl Plant {
         if let Some(at) = self.pushes.next_time().filter(|at| *at < next.0) {
             next = (at, Event::Push);
         }
+        if let Some(at) = self.troubles.next_time().filter(|at| *at < next.0) {
+            next = (at, Event::Trouble);
+        }
+        for (bus, stranger) in self.strangers.iter().enumerate() {
+            if let Some(at) = stranger.as_ref().map(Stranger::next_time).filter(|at| *at < next.0) {
+                next = (at, Event::Stranger(bus));
+            }
+        }
         Some(next)
+    }
+
+    /// What shall break, or be whole again.
+    fn take_trouble(&mut self, at: Stamp) {
+        self.move_world_to(at);
+        if let Some(edge) = self.troubles.take(at) {
+            self.suffer(at, &edge);
+        }
+    }
+
+    fn hear_stranger(&mut self, bus: usize, at: Stamp) {
+        let Some(stranger) = &mut self.strangers[bus] else { return };
+        stranger.rest();
+        for _ in self.wires[bus].waiting_of(STRANGER)..stranger.at_once() {
+            let frame = stranger.frame();
+            self.wires[bus].put(at, STRANGER, frame);
+        }
     }
 
     fn push(&mut self, at: Stamp) {
@@ -304,6 +354,7 @@ impl Plant {
         for index in 0..DRIVES {
             if self.bus_of[index] == bus && delivered.sender != index + 1 {
                 if delivered.sender == HOST {
+                    self.note_age(index, &delivered);
                     self.show_position(index, at);
                 }
                 self.drives[index].hear(at, &delivered.frame, &mut self.answers);
@@ -313,16 +364,27 @@ impl Plant {
         }
     }
 
+    /// How old the oldest command was that the enabled hip drive, and an enabled toe, took from the wire.
+    #[must_use]
+    pub const fn oldest_command(&self) -> [Span; 2] {
+        self.oldest_command
+    }
+
+    fn note_age(&mut self, index: usize, delivered: &Delivered) {
+        let node = self.nodes[index];
+        let is_command = matches!(Message::parse(&delivered.frame), Ok(Message::Rpdo(_, to, _)) if to.number() == node);
+        if is_command && self.drives[index].state() == State::Enabled {
+            let oldest = &mut self.oldest_command[index.min(1)];
+            *oldest = (*oldest).max(delivered.at.since(delivered.queued));
+        }
+    }
+
     fn tell_host(&mut self, bus: usize, delivered: &Delivered) {
         if delivered.sender == HOST && !self.echo {
             return;
         }
-        if self.to_host[bus].len() < HOST_QUEUE {
-            let own = delivered.sender == HOST;
-            self.to_host[bus].push_back(BusFrame { stamp: delivered.at, own, frame: delivered.frame });
-        } else {
-            self.dropped[bus] += 1;
-        }
+        let own = delivered.sender == HOST;
+        self.hosts[bus].hear(BusFrame { stamp: delivered.at, own, frame: delivered.frame });
     }
 
     fn tick_drives(&mut self, at: Stamp) {
@@ -419,6 +481,10 @@ enum Event {
     Torque,
     /// Somebody pushes the robot.
     Push,
+    /// A fault begins or ends.
+    Trouble,
+    /// Somebody else sends on this bus.
+    Stranger(usize),
 }
 
 #[cfg(test)]

@@ -61,7 +61,10 @@ pub struct Traffic {
 pub struct Served {
     plant: Plant,
     buses: Vec<SocketCan>,
-    terminal: PseudoTerminal,
+    /// None while the IMU is unplugged.
+    terminal: Option<PseudoTerminal>,
+    /// Where the controller looks for it.
+    imu_path: Option<String>,
     link: Option<PathBuf>,
     traffic: Traffic,
     bytes: Vec<u8>,
@@ -75,19 +78,21 @@ impl Served {
     pub fn open(config: &Config, mut plant: Plant) -> Result<Self, ServeError> {
         let buses = (0..BUSES).map(|bus| open_bus(config, bus)).collect::<Result<_, _>>()?;
         let terminal = PseudoTerminal::new()?;
-        let link = match &config.robot.imu.backend {
+        let imu_path = match &config.robot.imu.backend {
             SerialBackend::Mock => None,
-            SerialBackend::Device(path) => Some(point_to(path, terminal.path().unwrap_or_default())?),
+            SerialBackend::Device(path) => Some(path.clone()),
         };
+        let link = imu_path.as_ref().map(|path| point_to(path, terminal.path().unwrap_or_default())).transpose()?;
         plant.set_echo(false);
         plant.start_at(clock::now());
-        Ok(Self { plant, buses, terminal, link, traffic: Traffic::default(), bytes: Vec::new() })
+        let terminal = Some(terminal);
+        Ok(Self { plant, buses, terminal, imu_path, link, traffic: Traffic::default(), bytes: Vec::new() })
     }
 
     /// Where the IMU can be opened.
     #[must_use]
     pub fn imu_path(&self) -> String {
-        self.terminal.path().unwrap_or_default()
+        self.terminal.as_ref().and_then(PseudoTerminal::path).unwrap_or_default()
     }
 
     /// The robot.
@@ -103,12 +108,34 @@ impl Served {
 
     /// Waits for something to do, at most a step, and does it.
     pub fn turn(&mut self) {
-        let fds = [self.buses[0].readable_fd(), self.buses[1].readable_fd(), self.terminal.far.readable_fd()];
+        let imu = self.terminal.as_ref().map_or(-1, |terminal| terminal.far.readable_fd());
+        let fds = [self.buses[0].readable_fd(), self.buses[1].readable_fd(), imu];
         poll::readable(fds, self.plant.now() + STEP);
         let now = clock::now();
         self.plant.advance_to(now);
+        self.replug();
         self.hear();
         self.speak(now);
+    }
+
+    /// The IMU's line goes with its adapter, and comes back under another name. Where none can be made it stays away.
+    fn replug(&mut self) {
+        if !self.plant.imu_is_plugged() {
+            if self.terminal.take().is_some() {
+                self.unlink();
+            }
+        } else if self.terminal.is_none() {
+            self.terminal = PseudoTerminal::new().ok();
+            let target = self.imu_path();
+            self.link = self.imu_path.as_ref().and_then(|path| point_to(path, target).ok());
+        }
+    }
+
+    fn unlink(&mut self) {
+        if let Some(link) = self.link.take() {
+            // If it is gone already there is nothing to do.
+            drop(fs::remove_file(link));
+        }
     }
 
     fn hear(&mut self) {
@@ -121,7 +148,8 @@ impl Served {
             }
         }
         let mut buffer = [0; 256];
-        if let Some(count) = self.terminal.far.read(&mut buffer).filter(|n| *n > 0) {
+        let read = self.terminal.as_mut().and_then(|terminal| terminal.far.read(&mut buffer));
+        if let Some(count) = read.filter(|n| *n > 0) {
             self.plant.deliver_imu_bytes(&buffer[..count]);
         }
     }
@@ -141,7 +169,8 @@ impl Served {
         }
         self.bytes.clear();
         self.plant.take_imu_bytes(&mut self.bytes);
-        if !self.bytes.is_empty() && !self.terminal.far.write(&self.bytes) {
+        let taken = self.terminal.as_mut().is_none_or(|terminal| terminal.far.write(&self.bytes));
+        if !self.bytes.is_empty() && !taken {
             self.traffic.imu_refused += self.bytes.len() as u64;
         }
     }
@@ -149,10 +178,7 @@ impl Served {
 
 impl Drop for Served {
     fn drop(&mut self) {
-        if let Some(link) = &self.link {
-            // If it is gone already there is nothing to do.
-            drop(fs::remove_file(link));
-        }
+        self.unlink();
     }
 }
 

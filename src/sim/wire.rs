@@ -16,6 +16,8 @@ const QUEUE: usize = 64;
 /// A frame that has left the wire.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Delivered {
+    /// When it was queued.
+    pub queued: Stamp,
     /// End of the frame.
     pub at: Stamp,
     /// Who sent it.
@@ -94,7 +96,7 @@ impl Wire {
         if let Some(broken) = self.current.take() {
             // Repeated from the start when somebody listens again.
             if let Some(queue) = self.queues.get_mut(broken.sender) {
-                queue.push_front((now, broken.frame));
+                queue.push_front((broken.queued, broken.frame));
                 self.waiting += 1;
             }
         }
@@ -106,6 +108,12 @@ impl Wire {
             self.waiting -= queue.len();
             queue.clear();
         }
+    }
+
+    /// Frames that a sender has waiting.
+    #[must_use]
+    pub fn waiting_of(&self, sender: usize) -> usize {
+        self.queues.get(sender).map_or(0, VecDeque::len)
     }
 
     /// Time that the wire was busy since the start.
@@ -132,11 +140,11 @@ impl Wire {
         else {
             return;
         };
-        if let Some((_, frame)) = self.queues[sender].pop_front() {
+        if let Some((queued, frame)) = self.queues[sender].pop_front() {
             self.waiting -= 1;
             let took = Span(if self.timed { exact_time_ns(&frame, self.rates) } else { 1 });
             self.busy = Span(self.busy.0 + took.0);
-            self.current = Some(Delivered { at: start + took, sender, frame });
+            self.current = Some(Delivered { queued, at: start + took, sender, frame });
         }
     }
 }

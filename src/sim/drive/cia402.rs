@@ -11,7 +11,7 @@ use crate::bus::canopen::{
     EMCY_HEARTBEAT_LOST, EMCY_PDO_TOO_SHORT, EMCY_RPDO_TIMEOUT, Emergency, Message, NmtCommand, NmtState, Node, PdoData,
 };
 use crate::bus::cia402::State;
-use crate::bus::sdo::SdoValue;
+use crate::bus::sdo::{AbortCode, Address, SdoReply, SdoValue};
 use crate::config::checked::{Cia402, DriveConfig, DriveProtocol};
 use crate::msg::CanFrame;
 use crate::sim::objects::{Objects, PdoSetup, Plate};
@@ -50,6 +50,8 @@ pub struct Cia402Drive {
     heartbeat_due: Stamp,
     master_heard: Option<Stamp>,
     command_heard: Option<Stamp>,
+    /// What the statusword is stuck at.
+    stuck_at: Option<u16>,
 }
 
 impl Cia402Drive {
@@ -84,6 +86,15 @@ impl Cia402Drive {
             heartbeat_due: Stamp::default(),
             master_heard: None,
             command_heard: None,
+            stuck_at: None,
+        }
+    }
+
+    /// Its statusword stays as it is; `no_power`: it switches itself off behind that.
+    pub fn stick(&mut self, stuck: bool, no_power: bool) {
+        self.stuck_at = stuck.then(|| self.statusword());
+        if stuck && no_power {
+            self.state = State::SwitchOnDisabled;
         }
     }
 
@@ -178,7 +189,7 @@ impl Cia402Drive {
             Message::SdoRequest(node, request) if node == self.node && !self.defects.mute_server => {
                 let flowing = self.nmt == NmtState::Operational;
                 if self.nmt != NmtState::Stopped {
-                    let reply = self.objects.serve(&request, flowing);
+                    let reply = self.objects.serve(&request, flowing).and_then(|r| self.spoiled(r));
                     out.extend(reply.map(|r| Message::SdoReply(self.node, r).emit()));
                 }
             }
@@ -187,6 +198,17 @@ impl Cia402Drive {
                 self.recover(EMCY_HEARTBEAT_LOST, out);
             }
             _ => {}
+        }
+    }
+
+    /// What a broken object server makes of an answer.
+    fn spoiled(&self, reply: SdoReply) -> Option<SdoReply> {
+        let at = reply.address();
+        match self.defects.server {
+            "silent" => None,
+            "abort" => Some(SdoReply::Abort(at, AbortCode::NO_SUCH_OBJECT)),
+            "wrong_index" => Some(SdoReply::Written(Address::new(at.index ^ 1, at.sub))),
+            _ => Some(reply),
         }
     }
 
@@ -305,7 +327,9 @@ impl Cia402Drive {
     fn apply(&mut self, pdo: &PdoData, out: &mut Vec<CanFrame>) {
         let mut at = 0;
         let entries = std::mem::take(&mut self.rpdo.entries);
-        for entry in &entries {
+        // By default only the controlword is mapped.
+        let mapped = if self.defects.mapping_lost == "command" { 1 } else { entries.len() };
+        for entry in entries.iter().take(mapped) {
             let end = at + usize::from(entry.bits / 8);
             let raw = u32::from_le_bytes(padded(&pdo.data[at..end]));
             at = end;
@@ -354,19 +378,29 @@ impl Cia402Drive {
         if self.defects.no_answer {
             return;
         }
+        // By default only the statusword is mapped.
+        let len = match self.defects {
+            Defects { mapping_lost: "answer", .. } => len.min(2),
+            Defects { short_answers: true, .. } => len.saturating_sub(1),
+            _ => len,
+        };
         out.push(CanFrame::new(id, &data[..len]));
         if self.defects.twice {
             out.push(CanFrame::new(id, &data[..len]));
         }
     }
 
-    /// Brings the objects that are read up to date.
-    fn refresh(&mut self) {
+    const fn statusword(&self) -> u16 {
         const VOLTAGE_PRESENT: u16 = 1 << 4;
         const REMOTE: u16 = 1 << 9;
         const FOLLOWS: u16 = 1 << 12;
-        let follows = if self.state == State::Enabled { FOLLOWS } else { 0 };
-        let word = self.state.statusword() | VOLTAGE_PRESENT | REMOTE | follows;
+        let follows = if matches!(self.state, State::Enabled) { FOLLOWS } else { 0 };
+        self.state.statusword() | VOLTAGE_PRESENT | REMOTE | follows
+    }
+
+    /// Brings the objects that are read up to date.
+    fn refresh(&mut self) {
+        let word = self.stuck_at.unwrap_or_else(|| self.statusword());
         self.objects.set(0x6041, 0, SdoValue::u16(word));
         self.objects.set(0x6064, 0, SdoValue::i32(self.shaft_counts - self.count_zero));
         self.objects.set(0x6401, 1, SdoValue::i16(self.analog_counts));

@@ -88,6 +88,8 @@ pub(super) trait Face {
     fn reset(&mut self);
     /// A fault of its own, with the low byte of the code.
     fn fail(&mut self, code: u8);
+    /// Its watchdog bites.
+    fn time_out(&mut self);
     /// Its power state in the words of CiA 402.
     fn state(&self) -> State;
 }
@@ -108,9 +110,12 @@ impl Bench<'_> {
     }
 
     /// Answers a command.
-    pub(super) fn answer(&mut self, frame: CanFrame) {
+    pub(super) fn answer(&mut self, mut frame: CanFrame) {
         if self.defects.no_answer {
             return;
+        }
+        if self.defects.short_answers {
+            frame.len = if frame.len > 6 { 6 } else { 8 };
         }
         self.say(frame);
         if self.defects.twice {
@@ -260,6 +265,20 @@ impl DirectDrive {
         self.motor.target = Target::Off;
         self.motor.count_zero = self.motor.shaft_counts;
         self.booting_until = Some(now + BOOT_TIME);
+    }
+
+    /// Its watchdog bites, whatever it heard.
+    pub fn time_out(&mut self) {
+        self.face.get().time_out();
+        self.motor.target = Target::Off;
+    }
+
+    /// Goes off, and holds a command of full torque for when it is on again. Only MIT motors do that.
+    pub fn hold_full_torque(&mut self) {
+        if let Faces::Mit(face) = &mut self.face {
+            face.hold_full_torque();
+            self.motor.target = Target::Off;
+        }
     }
 
     /// A fault of its own.

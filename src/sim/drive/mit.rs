@@ -57,15 +57,25 @@ impl MitFace {
             MitDialect::Damiao => (if self.fault == 0 { on } else { self.fault } << 4 | number & 0x0F, Some([40, 40])),
             MitDialect::MyActuator => (number, Some([0, 0])),
         };
+        let range = self.mit.position_range_rad;
+        let position_rad = motor.turns() * TAU;
+        // As if the shaft stood half a range further.
+        let wrapped = || (position_rad + 2.0 * range).rem_euclid(2.0 * range) - range;
         let reply = Reply {
             head,
-            position_rad: motor.turns() * TAU,
+            position_rad: if bench.defects.wraps { wrapped() } else { position_rad },
             velocity_rad_s: motor.velocity_turns_s() * TAU,
             torque_nm: motor.torque_nm(),
             tail,
         };
         let (bytes, len) = reply.emit(&self.ranges(bench));
         bench.answer(CanFrame::classic(self.mit.answer_id(self.node), &bytes[..len]));
+    }
+
+    /// Goes off with a command of full torque in its memory.
+    pub(super) fn hold_full_torque(&mut self) {
+        self.on = false;
+        self.held = Setpoint { torque_nm: self.mit.torque_range_nm, ..Setpoint::default() };
     }
 
     fn on_special(&mut self, special: Special) {
@@ -167,6 +177,13 @@ impl Face for MitFace {
 
     fn reset(&mut self) {
         (self.on, self.fault, self.held, self.heard) = (false, 0, Setpoint::default(), None);
+    }
+
+    fn time_out(&mut self) {
+        self.on = false;
+        if self.mit.dialect == MitDialect::Damiao {
+            self.fault = DAMIAO_SILENCE;
+        }
     }
 
     fn fail(&mut self, code: u8) {

@@ -40,6 +40,18 @@ pub struct Defects {
     pub no_position: bool,
     /// moteus: refuses to be read.
     pub refuses: bool,
+    /// moteus: answers every read with an error sub-frame.
+    pub read_errors: bool,
+    /// What its object server does instead of answering: `silent`, `abort`, `wrong_index`; empty = it answers.
+    pub server: &'static str,
+    /// Fell back to the default mapping of its `answer` or of the `command`; empty = neither.
+    pub mapping_lost: &'static str,
+    /// Its answers are not as long as they should be.
+    pub short_answers: bool,
+    /// MIT: stands near the end of its range, beyond which its position wraps round.
+    pub wraps: bool,
+    /// ODrive: speaks as the other firmware does.
+    pub other_dialect: bool,
 }
 
 /// The electrical side of a drive, in 1/1000 of rated torque.
@@ -196,6 +208,32 @@ impl SimDrive {
         match self {
             Self::Cia402(drive) => drive.reboot(now),
             Self::Direct(drive) => drive.reboot(now),
+        }
+    }
+
+    /// Its statusword stays as it is, whatever it does; `no_power`: it switches itself off behind that.
+    pub fn stick(&mut self, stuck: bool, no_power: bool) {
+        match self {
+            Self::Cia402(drive) => drive.stick(stuck, no_power),
+            // They have no statusword.
+            Self::Direct(_) => {}
+        }
+    }
+
+    /// Its watchdog bites, whatever it heard.
+    pub fn time_out(&mut self) {
+        match self {
+            // Their watchdogs are timers on what they hear.
+            Self::Cia402(_) => {}
+            Self::Direct(drive) => drive.time_out(),
+        }
+    }
+
+    /// Goes off, and holds a command of full torque for when it is on again.
+    pub fn hold_full_torque(&mut self) {
+        match self {
+            Self::Cia402(_) => {}
+            Self::Direct(drive) => drive.hold_full_torque(),
         }
     }
 

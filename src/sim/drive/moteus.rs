@@ -60,7 +60,10 @@ impl MoteusFace {
     }
 
     fn answer_reads(&self, asked: &[u16], motor: &Motor, bench: &mut Bench<'_>) {
-        if asked.contains(&moteus::MODE) {
+        if bench.defects.read_errors && !asked.is_empty() {
+            let bytes = &[0x31, 0x00, 0x02, 0x01];
+            bench.answer(CanFrame::fd(moteus::reply_id(self.node), bytes, moteus::FILLER));
+        } else if asked.contains(&moteus::MODE) {
             let status = self.status(motor, bench);
             bench.answer(moteus::reply(self.node, &status));
         } else if asked.contains(&moteus::MAP_VERSION) {
@@ -114,6 +117,10 @@ impl Face for MoteusFace {
 
     fn reset(&mut self) {
         (self.mode, self.fault, self.registers, self.heard) = (moteus::STOPPED, 0, Registers::default(), None);
+    }
+
+    fn time_out(&mut self) {
+        self.mode = moteus::TIMED_OUT;
     }
 
     fn fail(&mut self, code: u8) {

@@ -75,8 +75,16 @@ impl OdriveFace {
         Some(())
     }
 
-    fn version(&self) -> CanFrame {
-        let minor = if self.odrive.firmware == OdriveFirmware::V6 { 6 } else { 5 };
+    /// The firmware that it speaks like.
+    fn firmware(&self, bench: &Bench<'_>) -> OdriveFirmware {
+        match (self.odrive.firmware, bench.defects.other_dialect) {
+            (OdriveFirmware::V5, false) | (OdriveFirmware::V6, true) => OdriveFirmware::V5,
+            (OdriveFirmware::V6, false) | (OdriveFirmware::V5, true) => OdriveFirmware::V6,
+        }
+    }
+
+    fn version(&self, bench: &Bench<'_>) -> CanFrame {
+        let minor = if self.firmware(bench) == OdriveFirmware::V6 { 6 } else { 5 };
         odrive::frame(self.node, odrive::VERSION, &[2, 4, 4, 58, 0, minor, 8, 0])
     }
 
@@ -87,7 +95,7 @@ impl OdriveFace {
             bench.say(odrive::pair(self.node, odrive::ENCODER, turns.to_le_bytes(), velocity.to_le_bytes()));
         }
         let torque_nm = motor.torque_nm();
-        let (message, value) = match self.odrive.firmware {
+        let (message, value) = match self.firmware(bench) {
             OdriveFirmware::V5 => (odrive::CURRENT, torque_nm / self.odrive.torque_constant_nm_a),
             OdriveFirmware::V6 => (odrive::TORQUE, torque_nm),
         };
@@ -106,7 +114,8 @@ impl Face for OdriveFace {
         let command = frame.id & 0x1F;
         if frame.id & CanFrame::REMOTE != 0 {
             if command == odrive::VERSION {
-                bench.answer(self.version());
+                let version = self.version(bench);
+                bench.answer(version);
             }
             return;
         }
@@ -118,11 +127,7 @@ impl Face for OdriveFace {
     fn tick(&mut self, now: Stamp, motor: &mut Motor, bench: &mut Bench<'_>) {
         let starved = self.fed.is_some_and(|at| now.since(at) > self.watchdog);
         if self.state == odrive::CLOSED_LOOP && starved {
-            let watchdog = match self.odrive.firmware {
-                OdriveFirmware::V5 => odrive::WATCHDOG_V5,
-                OdriveFirmware::V6 => odrive::WATCHDOG_V6,
-            };
-            self.disarm(watchdog);
+            self.time_out();
             self.act(motor);
         }
         if now >= self.heartbeat_due && !bench.defects.no_heartbeat {
@@ -139,6 +144,14 @@ impl Face for OdriveFace {
     fn reset(&mut self) {
         (self.state, self.error, self.control) = (odrive::IDLE, 0, odrive::CONTROL_POSITION);
         (self.wanted, self.fed) = (Target::Off, None);
+    }
+
+    fn time_out(&mut self) {
+        let watchdog = match self.odrive.firmware {
+            OdriveFirmware::V5 => odrive::WATCHDOG_V5,
+            OdriveFirmware::V6 => odrive::WATCHDOG_V6,
+        };
+        self.disarm(watchdog);
     }
 
     fn fail(&mut self, code: u8) {

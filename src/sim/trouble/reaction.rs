@@ -1,0 +1,115 @@
+//! What the robot does about a fault, measured: when it notices, when its motor is without torque, what it says, and what
+//! brings it back. RT: no.
+
+use crate::base::time::{Span, Stamp};
+use crate::config::checked::Config;
+use crate::config::fault::Injection;
+use crate::msg::{Drive, Fault, FaultCode, Mode, TickRecord};
+use crate::sim::lockstep::{Lockstep, LockstepError};
+
+/// Less torque at the joint than this is none, Nm: a quantum of the drive's current.
+const NO_TORQUE_NM: f64 = 0.05;
+/// After the fault is over it is looked at for so long.
+const AFTERWARDS: Span = Span::from_ms(2500);
+/// So long without torque is safe.
+const SAFE_FOR: Span = Span::from_ms(200);
+
+/// What came of a fault.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reaction {
+    /// First fault told, and how long after the injection.
+    pub detected: Option<(Fault, Span)>,
+    /// Error code that the drive in question had then; 0 = none.
+    pub drive_error: u16,
+    /// From the injection to the last torque of the hip's motor before it stayed without.
+    pub safe_after: Option<Span>,
+    /// It was armed when the fault began.
+    pub was_armed: bool,
+    /// It is armed at the end.
+    pub ends_armed: bool,
+    /// Torque was allowed through although it was not armed, or after the fault.
+    pub torque_unarmed: bool,
+    /// Largest tilt of the legs while armed after the injection, rad.
+    pub tilt_rad: f64,
+    /// From the end of the fault to being armed again by a hand that lets go and presses.
+    pub recovered_after: Option<Span>,
+    /// What stood in the way at the end, as bits of fault codes.
+    pub blockers: u64,
+}
+
+/// Runs the robot with this fault, once as it balances and once held by a hand, which stands for the person who sets it up
+/// again.
+///
+/// # Errors
+/// [`LockstepError`] when the robot cannot be built.
+pub fn measure(config: &Config, injection: &Injection) -> Result<Reaction, LockstepError> {
+    let mut config = config.clone();
+    config.simulation.faults = vec![*injection];
+    let mut reaction = watch(&mut Lockstep::new(&config)?, injection);
+    // A hand that never lets go.
+    config.simulation.release_torque_nm = 1e6;
+    config.simulation.release_after = Span::ZERO;
+    let mut held = Lockstep::with_rearming_hand(&config)?;
+    let end = Stamp::default() + over(injection);
+    let mut faulted = false;
+    while held.now() < end + AFTERWARDS && reaction.recovered_after.is_none() {
+        let status = held.step().status;
+        reaction.blockers = status.arm_blockers;
+        faulted |= status.mode == Mode::Faulted;
+        if held.now() > end && faulted && status.mode == Mode::Armed {
+            reaction.recovered_after = Some(held.now().since(end));
+        }
+    }
+    Ok(reaction)
+}
+
+/// When the fault is over; at once if it does not last.
+fn over(injection: &Injection) -> Span {
+    Span(injection.at.0 + injection.lasts.unwrap_or(Span::ZERO).0)
+}
+
+fn watch(lockstep: &mut Lockstep, injection: &Injection) -> Reaction {
+    let start = Stamp::default() + injection.at;
+    let end = Stamp::default() + over(injection) + AFTERWARDS;
+    let mut reaction = Reaction::default();
+    let mut torque_seen = start;
+    while lockstep.now() < end {
+        let record = *lockstep.step();
+        let (at, mode) = (record.input.now, record.status.mode);
+        if at < start {
+            reaction.was_armed = mode == Mode::Armed;
+            continue;
+        }
+        note(&mut reaction, injection, &record, at.since(start));
+        let plant = lockstep.plant();
+        if mode == Mode::Armed {
+            let reading = plant.reading();
+            reaction.tilt_rad = reading.leg_angle_rad.iter().fold(reaction.tilt_rad, |most, a| most.max(a.abs()));
+        }
+        if plant.hip_torque_nm().abs() > NO_TORQUE_NM {
+            torque_seen = at;
+        }
+        reaction.ends_armed = mode == Mode::Armed;
+    }
+    if lockstep.now().since(torque_seen) >= SAFE_FOR {
+        reaction.safe_after = Some(torque_seen.since(start));
+    }
+    reaction
+}
+
+fn note(reaction: &mut Reaction, injection: &Injection, record: &TickRecord, after: Span) {
+    let status = &record.status;
+    if status.mode == Mode::Faulted && reaction.detected.is_none() {
+        reaction.detected = Some((status.first_fault, after));
+        let drive = usize::from(status.first_fault.index);
+        let of_drive = matches!(
+            status.first_fault.code,
+            FaultCode::DriveFault | FaultCode::DriveNotEnabled | FaultCode::DriveStale
+        );
+        let drive = if of_drive { drive } else { injection.drive as usize };
+        reaction.drive_error = record.feedback.drives.get(drive).map_or(0, |drive| drive.error_code);
+    }
+    let unarmed = status.mode != Mode::Armed;
+    let hip = &record.drives.drives[Drive::Hip as usize];
+    reaction.torque_unarmed |= unarmed && (record.allowed.hip_torque_nm != 0.0 || hip.torque_permille != 0);
+}

@@ -1,0 +1,136 @@
+//! Many seeded runs with random faults: the invariants must hold in every tick of all of them. RT: no.
+
+use super::invariants::{Breach, Invariants};
+use crate::base::time::{Span, Stamp};
+use crate::config::checked::Config;
+use crate::config::fault::{CATALOGUE, Injection, Place};
+use crate::msg::{Drive, Mode};
+use crate::sim::lockstep::{Lockstep, LockstepError};
+use crate::sim::noise::Noise;
+
+/// Makes the draws another stream than the robot's noise.
+const STREAM: u64 = 0x736F_616B;
+/// Most faults of a run.
+const MOST_FAULTS: f64 = 4.0;
+/// Shortest and longest fault, s.
+const SHORTEST_S: f64 = 0.002;
+const LONGEST_S: f64 = 1.5;
+
+/// What came of a run.
+#[derive(Clone, Debug)]
+pub struct Soaked {
+    /// What was injected.
+    pub faults: Vec<Injection>,
+    /// The first invariant that did not hold, and when.
+    pub breach: Option<(Stamp, Breach)>,
+    /// Ticks run, and those with torque.
+    pub ticks: u64,
+    /// Ticks armed.
+    pub armed_ticks: u64,
+    /// Times that it was armed.
+    pub armings: u32,
+    /// Faults latched.
+    pub latched: u32,
+    /// Oldest command that the enabled hip drive, and an enabled toe, took from the wire.
+    pub oldest_command: [Span; 2],
+}
+
+/// Faults drawn by a seed, for a robot and so long a run.
+#[must_use]
+pub fn draw(config: &Config, seed: u64, length: Span) -> Vec<Injection> {
+    let mut noise = Noise::new(seed ^ STREAM);
+    let count = pick(&mut noise, MOST_FAULTS) + 1;
+    let mut faults = Vec::new();
+    while faults.len() < count {
+        let entry = &CATALOGUE[pick(&mut noise, CATALOGUE.len() as f64)];
+        let at = Span::from_s(noise.uniform() * length.as_s());
+        let Ok(mut fault) = Injection::parse(&format!("{}@{}", entry.name, at.as_s())) else { continue };
+        if let [_, ..] = entry.kinds {
+            fault.kind = entry.kinds[pick(&mut noise, entry.kinds.len() as f64)];
+        }
+        fault.bus = pick(&mut noise, 2.0);
+        fault.drive = Drive::ALL[pick(&mut noise, Drive::ALL.len() as f64)];
+        fault.share = libm::pow(10.0, -3.0 * noise.uniform());
+        let lasts_s = SHORTEST_S * libm::pow(LONGEST_S / SHORTEST_S, noise.uniform());
+        fault.lasts = fault.lasts.map(|_| Span::from_s(lasts_s));
+        if entry.is_for(Place::Sim) && fault.check(&config.robot).is_ok() {
+            faults.push(fault);
+        }
+    }
+    faults
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small index")]
+fn pick(noise: &mut Noise, count: f64) -> usize {
+    ((1.0 - noise.uniform()) * count) as usize
+}
+
+/// One run: random faults, and an operator who presses again whenever he can.
+///
+/// # Errors
+/// [`LockstepError`] when the robot cannot be built.
+pub fn run(config: &Config, seed: u64, length: Span) -> Result<Soaked, LockstepError> {
+    let mut config = config.clone();
+    config.simulation.seed = seed;
+    config.simulation.faults = draw(&config, seed, length);
+    // Every other robot is held, so that it can be armed again after a fault: one that has fallen cannot.
+    if seed % 2 == 0 {
+        config.simulation.release_torque_nm = 1e6;
+        config.simulation.release_after = Span::ZERO;
+    }
+    let mut lockstep = Lockstep::with_rearming_hand(&config)?;
+    let mut invariants = Invariants::new(&config);
+    let mut soaked = Soaked {
+        faults: config.simulation.faults.clone(),
+        breach: None,
+        ticks: 0,
+        armed_ticks: 0,
+        armings: 0,
+        latched: 0,
+        oldest_command: [Span::ZERO; 2],
+    };
+    let mut mode = Mode::Starting;
+    while lockstep.now() < Stamp::default() + length && soaked.breach.is_none() {
+        let now = lockstep.now();
+        let record = lockstep.step();
+        let looked = invariants.look(record);
+        let status = record.status;
+        soaked.breach = looked.err().map(|breach| (now, breach));
+        soaked.ticks += 1;
+        soaked.armed_ticks += u64::from(status.mode == Mode::Armed);
+        soaked.armings += u32::from(status.mode == Mode::Armed && mode != Mode::Armed);
+        soaked.latched = status.faults;
+        mode = status.mode;
+    }
+    soaked.oldest_command = lockstep.plant().oldest_command();
+    Ok(soaked)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config;
+
+    /// Full size is `compass sim --soak 5000`; the result stands in `docs/faults.md`.
+    #[test]
+    fn a_hundred_runs_with_random_faults_keep_the_invariants() {
+        let config = config::load(None, &[]).unwrap().config;
+        let (mut latched, mut armings) = (0, 0);
+        for seed in 1..=100 {
+            let soaked = run(&config, seed, Span::from_ms(4000)).unwrap();
+            assert_eq!(soaked.breach, None, "seed {seed}: {:?}", soaked.faults);
+            latched += soaked.latched;
+            armings += soaked.armings;
+        }
+        println!("{latched} faults latched, {armings} times armed");
+        assert!(latched > 100 && armings > 100, "{latched} faults, {armings} armings");
+    }
+
+    #[test]
+    fn the_same_seed_draws_the_same_faults() {
+        let config = config::load(None, &[]).unwrap().config;
+        let drawn = |seed| draw(&config, seed, Span::from_ms(4000));
+        assert_eq!(drawn(7), drawn(7));
+        assert_ne!(drawn(7), drawn(8));
+    }
+}
