@@ -1,8 +1,8 @@
 //! Whole diagnoses: synthetic machines with and without something hidden, and a few of the shared cases.
 #![expect(clippy::unwrap_used, clippy::print_stderr, reason = "a test")]
 
-use compass::diagnose::pipeline::{Answer, diagnose};
 use compass::diagnose::judge::verdict::Verdict;
+use compass::diagnose::pipeline::{Answer, diagnose};
 use compass::identify::experiment::Experiment;
 use compass::identify::rollout::{Fidelity, Readings, Rollout};
 use compass::model::rig::Rig;

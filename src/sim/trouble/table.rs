@@ -143,3 +143,112 @@ fn noticed(row: &Row) -> String {
     }
     if names.is_empty() { "-".to_owned() } else { names.join(" or ") }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::msg::FaultCode;
+
+    /// What a fault shall lead to.
+    enum Expected {
+        /// One of these is latched within so many ms, and the motor is without torque within so many.
+        Stops(&'static [FaultCode], i64, i64),
+        /// It balances on.
+        Tolerated,
+        /// It is not armed.
+        NotArmed,
+    }
+    use Expected::{NotArmed, Stops, Tolerated};
+    use FaultCode::{
+        BusUnhealthy, DriveFault, DriveNotEnabled, DriveStale, ImuStale, OperatorStale, OutOfRange, Overrun,
+    };
+
+    /// The drive's own watchdog, for what no command can reach any more.
+    const WATCHDOG_MS: i64 = 52;
+
+    /// Every fault that `sim` can inject, with each of its kinds.
+    const EXPECTED: &[(&str, Expected)] = &[
+        ("bus_off", Stops(&[BusUnhealthy], 1, WATCHDOG_MS)),
+        ("no_acknowledge", Stops(&[DriveStale], 8, WATCHDOG_MS)),
+        ("queue_full", Stops(&[DriveStale], 8, WATCHDOG_MS)),
+        ("link_down", Stops(&[BusUnhealthy], 1, WATCHDOG_MS)),
+        ("frame_errors doubled", Tolerated),
+        ("frame_errors reordered", Tolerated),
+        ("frame_errors flipped", Stops(&[OutOfRange, DriveFault, DriveStale, BusUnhealthy], 1000, 1050)),
+        ("foreign_traffic unknown", Tolerated),
+        ("foreign_traffic master", Stops(&[BusUnhealthy], 3, 5)),
+        ("bus_load low", Tolerated),
+        ("bus_load high", Stops(&[DriveStale], 8, WATCHDOG_MS)),
+        ("wrong_length", Stops(&[DriveStale], 8, 10)),
+        ("stale_queue", Stops(&[DriveStale], 8, 8)),
+        ("boot_up", Stops(&[DriveStale], 8, 8)),
+        ("emergency", Stops(&[DriveFault], 2, 3)),
+        ("heartbeat_stops", Stops(&[DriveFault], 160, 165)),
+        ("object_server silent", Stops(&[DriveStale], 8, 8)),
+        ("object_server abort", Stops(&[DriveStale], 8, 8)),
+        ("object_server wrong_index", Stops(&[DriveStale], 8, 8)),
+        ("refuses_torque_mode", Stops(&[DriveStale], 8, 8)),
+        ("statusword_stuck no_power", Stops(&[DriveFault], 1000, 3)),
+        ("mapping_lost answer", Stops(&[DriveStale], 8, 10)),
+        ("two_nodes", Stops(&[DriveFault], 25, 30)),
+        ("mit_wrong_id", Stops(&[DriveStale], 8, 10)),
+        ("mit_reply_length", Tolerated),
+        ("mit_position_wrap", Stops(&[DriveFault], 3, 5)),
+        ("mit_wrong_ranges", Stops(&[DriveStale], 8, 8)),
+        ("mit_enter_kick", Tolerated),
+        ("mit_no_zero", Stops(&[DriveStale], 8, 8)),
+        ("odrive_error", Stops(&[DriveFault], 12, 12)),
+        ("odrive_watchdog", Stops(&[DriveFault], 12, 12)),
+        ("odrive_dialect", Stops(&[DriveStale], 9, 9)),
+        ("odrive_no_encoder", Stops(&[DriveStale], 9, 11)),
+        ("moteus_timed_out", Stops(&[DriveFault], 3, 3)),
+        ("moteus_fault", Stops(&[DriveFault], 3, 3)),
+        ("moteus_not_set", Stops(&[DriveStale], 8, 10)),
+        ("moteus_no_reply", Stops(&[DriveStale], 8, 10)),
+        ("moteus_read_error", Stops(&[DriveStale], 8, 10)),
+        ("imu_bytes lost", Tolerated),
+        ("imu_bytes inserted", Tolerated),
+        ("imu_bytes flipped", Tolerated),
+        ("imu_bursts", Tolerated),
+        ("imu_stall", Stops(&[ImuStale], 33, 35)),
+        ("imu_timer_wrap", Tolerated),
+        ("imu_wrong_baud", Stops(&[ImuStale], 33, 35)),
+        ("imu_nan", Stops(&[ImuStale], 33, 35)),
+        ("imu_replug", Stops(&[ImuStale], 33, 35)),
+        ("joystick_unplugged", Stops(&[OperatorStale], 103, 105)),
+        ("joystick_held_at_start", NotArmed),
+        ("step_overrun many", Stops(&[Overrun], 1000, 1005)),
+        ("step_overrun once", Tolerated),
+    ];
+
+    fn check(name: &str, expected: &Expected, reaction: &Reaction) {
+        let ms = |span: Span| span.0 / 1_000_000;
+        assert!(!reaction.torque_unarmed, "{name}: torque without being armed");
+        match expected {
+            Stops(codes, within_ms, safe_ms) => {
+                assert!(reaction.was_armed, "{name}");
+                let (fault, after) = reaction.detected.unwrap_or_else(|| panic!("{name} was not noticed"));
+                assert!(codes.contains(&fault.code), "{name}: {fault:?}");
+                assert!(ms(after) <= *within_ms, "{name}: noticed after {} ms", ms(after));
+                let safe = reaction.safe_after.unwrap_or_else(|| panic!("{name}: there is torque at the end"));
+                assert!(ms(safe) <= *safe_ms, "{name}: torque for {} ms", ms(safe));
+                assert!(!reaction.ends_armed, "{name}: armed again by nobody");
+                assert!(reaction.recovered_after.is_some(), "{name}: {:#x} in the way for ever", reaction.blockers);
+            }
+            Tolerated => assert!(reaction.ends_armed && reaction.detected.is_none(), "{name}: {reaction:?}"),
+            NotArmed => assert!(!reaction.ends_armed && reaction.safe_after.is_some(), "{name}: {reaction:?}"),
+        }
+    }
+
+    #[test]
+    fn every_fault_leads_to_a_robot_without_torque_or_is_tolerated() {
+        for (name, expected) in EXPECTED {
+            let (fault, kind) = name.split_once(' ').unwrap_or((name, ""));
+            let entry = CATALOGUE.iter().find(|entry| entry.name == fault).unwrap();
+            let injection = kinds(entry).into_iter().find(|injection| injection.kind == kind).unwrap();
+            for reaction in &row(&injection, 1).unwrap().reactions {
+                check(name, expected, reaction);
+            }
+        }
+    }
+}
