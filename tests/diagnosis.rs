@@ -2,7 +2,8 @@
 #![expect(clippy::unwrap_used, clippy::print_stderr, reason = "a test")]
 
 use compass::diagnose::judge::verdict::Verdict;
-use compass::diagnose::pipeline::{Answer, diagnose};
+use compass::diagnose::judge::verdict::Verdict;
+use compass::diagnose::pipeline::{Answer, Options, diagnose};
 use compass::identify::experiment::Experiment;
 use compass::identify::rollout::{Fidelity, Readings, Rollout};
 use compass::model::rig::Rig;
@@ -86,7 +87,7 @@ fn case(hidden: &str) -> (tempfile::TempDir, Experiment) {
 }
 
 fn answer(experiment: &Experiment) -> Answer {
-    diagnose(experiment, 0, |_| {}).unwrap()
+    diagnose(experiment, Options::default(), |_| {}).unwrap()
 }
 
 fn named(answer: &Answer) -> Vec<String> {

@@ -1,8 +1,9 @@
 //! `compass diagnose CASE`: what physics is missing in a simulation. RT: no.
 
 use super::{Outcome, Run, progress, warn};
+use crate::diagnose::judge::numbers::LEAST_SHARE;
 use crate::diagnose::own::OwnCase;
-use crate::diagnose::pipeline::{Answer, diagnose};
+use crate::diagnose::pipeline::{Answer, Options, diagnose};
 use crate::identify::experiment::Experiment;
 use crate::report::page;
 use anyhow::Context;
@@ -35,9 +36,18 @@ pub(crate) struct Args {
     /// Seed of every random draw
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Smallest part of the misfit that an effect removes when it matters, 0 to 1; what is smaller is listed as seen
+    #[arg(long, value_name = "PART", default_value_t = LEAST_SHARE, value_parser = part)]
+    least: f64,
     /// Tells each stage on stderr
     #[arg(long, short)]
     verbose: bool,
+}
+
+/// A part between 0 and 1.
+fn part(text: &str) -> Result<f64, String> {
+    let part: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.0..=1.0).contains(&part) { Ok(part) } else { Err("a part is from 0 to 1".to_owned()) }
 }
 
 impl Run for Args {
@@ -52,7 +62,8 @@ impl Run for Args {
                 writeln!(io::stderr(), "{text}").unwrap_or_default();
             }
         };
-        let answer = diagnose(&experiment, self.seed, tell)?;
+        let options = Options { seed: self.seed, least_share: self.least };
+        let answer = diagnose(&experiment, options, tell)?;
         spinner.finish_and_clear();
         self.write(&answer)?;
         let diagnosis = &answer.findings.diagnosis;

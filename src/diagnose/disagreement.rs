@@ -108,7 +108,7 @@ fn over_noise(of: &Hypothesis, recording: usize, c: usize, floors: &[f64]) -> f6
 
 #[cfg(test)]
 mod tests {
-    use crate::diagnose::pipeline::diagnose;
+    use crate::diagnose::pipeline::{Options, diagnose};
     use crate::diagnose::suspicion::tests::{FREE, recorded, rig, warnings};
     use crate::identify::experiment::Experiment;
 
@@ -128,7 +128,7 @@ mod tests {
             (rig("inertia_kg_m2 = 0.010\ngravity_nm = 0.35"), rig("inertia_kg_m2 = 0.016\ngravity_nm = 0.36"));
         let recordings =
             [&light, &heavy].iter().enumerate().map(|(i, truth)| recorded(truth, &rig(FREE), i, &[0.3])).collect();
-        let answer = diagnose(&Experiment { rig: rig(FREE), recordings }, 0, |_| ()).unwrap().findings;
+        let answer = diagnose(&Experiment { rig: rig(FREE), recordings }, Options::default(), |_| ()).unwrap().findings;
         let [entry] = &answer.diagnosis.missing[..] else { panic!("{:?}", answer.diagnosis.missing) };
         assert_eq!((entry.one_of[0].effect.as_str(), entry.one_of.len()), ("unlisted", 1));
         assert!(entry.sentence.contains("inertia_kg_m2") && entry.sentence.contains("same rig"), "{}", entry.sentence);
@@ -143,7 +143,9 @@ mod tests {
             recording.inputs[0].iter_mut().for_each(|u| *u = -*u);
             recording
         });
-        let answer = diagnose(&Experiment { rig: rig(FREE), recordings: recordings.collect() }, 0, |_| ()).unwrap();
+        let answer =
+            diagnose(&Experiment { rig: rig(FREE), recordings: recordings.collect() }, Options::default(), |_| ())
+                .unwrap();
         assert!(answer.findings.diagnosis.verdict.is_mismatch(), "{:?}", answer.findings.diagnosis);
     }
 }

@@ -18,6 +18,7 @@ pub mod folds;
 pub mod free_curve;
 pub mod hypothesis;
 pub mod identification;
+pub mod interest;
 pub mod judge;
 pub mod laws;
 pub mod likelihood;

@@ -8,10 +8,11 @@ use crate::diagnose::base::{as_given, fit_recordings, fitted, floors};
 use crate::diagnose::contest::contested;
 use crate::diagnose::disagreement::{no_common_machine, unfollowed};
 use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::interest::{Kept, split_by_interest, undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, explained_part};
-use crate::diagnose::judge::numbers::LONGEST_MEMORY;
+use crate::diagnose::judge::numbers::{LEAST_SHARE, LONGEST_MEMORY};
 use crate::diagnose::judge::verdict::{
-    Diagnosis, Findings, Law, Missing, Trace, Verdict, is_far_beyond_chance, may_have_missed, refit_is_needed,
+    Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, is_far_beyond_chance, may_have_missed, refit_is_needed,
     verdict_of,
 };
 use crate::diagnose::laws;
@@ -72,63 +73,126 @@ pub struct Answer {
     pub model: Rig,
 }
 
+/// What is asked of a diagnosis beside the case.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Seed of every random draw.
+    pub seed: u64,
+    /// Smallest part of the misfit that an effect removes when it matters.
+    pub least_share: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { seed: 0, least_share: LEAST_SHARE }
+    }
+}
+
 /// Diagnoses a case. `told` hears what is going on.
 ///
 /// # Errors
 /// See [`DiagnoseError`].
-pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) -> Result<Answer, DiagnoseError> {
+pub fn diagnose(
+    experiment: &Experiment,
+    options: Options,
+    mut told: impl FnMut(&str),
+) -> Result<Answer, DiagnoseError> {
     let began = Instant::now();
     let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
-    let (mut recordings, pooled, floors) = ready(experiment)?;
-    said("base fit");
-    let first = fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
-    let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
-    let given = as_given(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
-    let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
-    let base = no_worse(base, &given, &floors);
-    let context = Context {
-        samples: samples(&base.residuals, &floors),
-        given: experiment.rig.effects.len(),
-        is_trapped: is_trapped(&base, experiment),
-        floors,
-        seed,
-    };
-    said(&format!("noise {:.3?}", base.noise));
-    for (name, of) in estimates(&base) {
-        said(&format!("   {name} {:.4}", of.value));
+    let start = Start::of(experiment, options, &mut said)?;
+    let selection = searched(experiment, &start, &mut said);
+    let (last, cut_short) = (selection.last.clone(), selection.cut_short);
+    let answer = finished(start.given.clone(), selection, &start.context, options, &mut said);
+    let (clean, more) = cleaned(experiment, &start.recordings, &answer.explained().rig, &start.context.floors);
+    let mut warnings = warnings(experiment, start.dropped + more);
+    warnings.extend(answer.warnings(experiment, cut_short, &start.context));
+    said("proof");
+    let mut findings = answer.findings(&clean, &start.context, &last, warnings)?;
+    findings.warnings.extend(contradicted(&findings.diagnosis.fit));
+    findings.diagnosis.seconds = began.elapsed().as_secs_f64();
+    Ok(Answer { findings, model: answer.model(experiment) })
+}
+
+/// What a search starts from.
+struct Start {
+    recordings: Vec<Recording>,
+    pooled: Pooled,
+    /// Samples that were left out.
+    dropped: usize,
+    given: Hypothesis,
+    base: Hypothesis,
+    context: Context,
+}
+
+impl Start {
+    fn of(experiment: &Experiment, options: Options, said: &mut impl FnMut(&str)) -> Result<Self, DiagnoseError> {
+        let (mut recordings, pooled, floors) = ready(experiment)?;
+        said("base fit");
+        let first =
+            fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
+        let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
+        let given = as_given(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
+        let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
+        let base = no_worse(base, &given, &floors);
+        let context = Context {
+            samples: samples(&base.residuals, &floors),
+            given: experiment.rig.effects.len(),
+            is_trapped: is_trapped(&base, experiment),
+            floors,
+            seed: options.seed,
+        };
+        said(&format!("noise {:.3?}", base.noise));
+        for (name, of) in estimates(&base) {
+            said(&format!("   {name} {:.4}", of.value));
+        }
+        Ok(Self { recordings, pooled, dropped, given, base, context })
     }
+}
+
+/// Forward selection over the library.
+fn searched(experiment: &Experiment, start: &Start, said: &mut impl FnMut(&str)) -> Selection {
+    let Start { pooled, given, base, context, .. } = start;
     let library = |now: &Hypothesis| {
         let Some(windows) = tangents(now) else { return Vec::new() };
-        let scales = scales(now, &windows, &pooled);
+        let scales = scales(now, &windows, pooled);
         let screen = |noise: &[Colour]| Screen::new(&now.problem, &now.point, noise);
         let (Some(fine), Some(coarse)) = (screen(&now.noise), screen(&white(&now.residuals, &context.floors))) else {
             return Vec::new();
         };
         candidates(now, &scales, [&fine, &coarse], &windows)
     };
-    let also = context.is_trapped.then(|| given.counted_with(&base));
-    let mut all = forward((&experiment.rig, &base), also.as_ref(), &library, &context, &mut said);
-    if all.added.is_empty()
-        && let Some(strict) = without_slow_noise(&all.base, &context)
-    {
-        said("what passes for noise is slower than noise: again without");
-        all = forward((&experiment.rig, &strict), None, &library, &context, &mut said);
-    }
-    let Selection { base, found, mut added, last, cut_short } = all;
-    let refit = compare(&base, &given, &context);
-    let refit_needed = refit_is_needed(refit, base.point.parameters.len(), &context);
+    let also = context.is_trapped.then(|| given.counted_with(base));
+    let all = forward((&experiment.rig, base), also.as_ref(), &library, context, &mut *said);
+    let strict = if all.added.is_empty() { without_slow_noise(&all.base, context) } else { None };
+    let Some(strict) = strict else { return all };
+    said("what passes for noise is slower than noise: again without");
+    forward((&experiment.rig, &strict), None, &library, context, said)
+}
+
+/// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.
+fn finished(
+    given: Hypothesis,
+    selection: Selection,
+    context: &Context,
+    options: Options,
+    said: &mut impl FnMut(&str),
+) -> Found {
+    let Selection { base, found, mut added, last, .. } = selection;
+    let refit = compare(&base, &given, context);
+    let refit_needed = refit_is_needed(refit, base.point.parameters.len(), context);
     said(&format!("re-fit gains {:.0}", refit.total));
     said("pairs exchanged");
-    let found = paired(found, &mut added, &last, &context, &mut said);
+    let found = paired(found, &mut added, &last, context, said);
     said("each exchanged and left out");
-    let (found, added) = contested(found, added, &context);
+    let (found, added) = contested(found, added, context);
     said("last fit");
-    let found = settled(along_ridges(found, &context), &context);
+    let found = settled(along_ridges(found, context), context);
     said("last fit of the rivals");
-    let (found, added) = at_rest(found, added, &context);
+    let (found, added) = at_rest(found, added, context);
+    let Kept { found, added, seen } = Kept::all(found, added).without_undetermined(&base, context);
     said("what is left");
-    let strict = without_slow_noise(&base, &context).or_else(|| as_leader_hears(&base, &added, &last, &context));
-    let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), &context, &mut said);
+    let strict = without_slow_noise(&base, context).or_else(|| as_leader_hears(&base, &added, &last, context));
+    let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), context, &mut *said);
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
     let rest = rest.map(|(unlisted, _)| unlisted);
@@ -139,23 +203,12 @@ pub fn diagnose(experiment: &Experiment, seed: u64, mut told: impl FnMut(&str)) 
             (found, added, rest)
         }
     };
-    let (base, found) = (base.with_intervals(), found.with_intervals());
-    let answer = Found { given, base, found, added, rest, refit_needed };
-    let (clean, more) = cleaned(experiment, &recordings, &answer.explained().rig, &context.floors);
-    let mut warnings = warnings(experiment, dropped + more);
-    let rest_matters = may_have_missed(explained_part(&answer.base, &answer.found, &context));
-    warnings.extend((cut_short && rest_matters).then(|| CUT_SHORT.to_owned()));
-    let explained = answer.explained();
-    let said_already =
-        |w: &String| answer.rest.as_ref().is_some_and(|u| u.entry.sentence.to_lowercase().contains(&w.to_lowercase()));
-    warnings.extend(suspicions(explained, &context.floors).into_iter().filter(|w| !said_already(w)));
-    warnings.extend(at_bounds(explained, &experiment.rig));
-    warnings.extend(complaints(&explained.problem, &explained.point, &explained.noise));
-    said("proof");
-    let mut findings = answer.findings(&clean, &context, &last, warnings)?;
-    findings.warnings.extend(contradicted(&findings.diagnosis.fit));
-    findings.diagnosis.seconds = began.elapsed().as_secs_f64();
-    Ok(Answer { findings, model: answer.model(experiment) })
+    let Kept { found, added, mut seen } = Kept { found, added, seen }.of_interest(options.least_share, &base, context);
+    let rest = rest.or_else(|| undetermined(&added, &seen, options.least_share));
+    let (rest, small) = split_by_interest(rest, options.least_share);
+    seen.extend(small);
+    seen.iter().for_each(|one| said(&one.sentence));
+    Found { given, base: base.with_intervals(), found: found.with_intervals(), added, seen, rest, refit_needed }
 }
 
 /// True if the fit of the base ended at bounds: a number that made up for what is missing as far as it could. One step of a
@@ -263,6 +316,7 @@ struct Found {
     base: Hypothesis,
     found: Hypothesis,
     added: Vec<Added>,
+    seen: Vec<Seen>,
     rest: Option<Unlisted>,
     refit_needed: bool,
 }
@@ -270,6 +324,21 @@ struct Found {
 impl Found {
     fn is_unlisted(&self) -> bool {
         self.rest.is_some()
+    }
+
+    /// What a person should know of the search and of the model that it came to.
+    fn warnings(&self, experiment: &Experiment, cut_short: bool, context: &Context) -> Vec<String> {
+        let explained = self.explained();
+        let mut out = Vec::new();
+        let rest_matters = may_have_missed(explained_part(&self.base, &self.found, context));
+        out.extend((cut_short && rest_matters).then(|| CUT_SHORT.to_owned()));
+        let sentence = self.rest.as_ref().map_or_else(String::new, |u| u.entry.sentence.to_lowercase());
+        out.extend(
+            suspicions(explained, &context.floors).into_iter().filter(|w| !sentence.contains(&w.to_lowercase())),
+        );
+        out.extend(at_bounds(explained, &experiment.rig));
+        out.extend(complaints(&explained.problem, &explained.point, &explained.noise));
+        out
     }
 
     /// The model that the answer stands for: with what was found, if that is all of it.
@@ -319,6 +388,7 @@ impl Found {
             schema: 1,
             verdict,
             places,
+            seen: self.seen.clone(),
             rejected: rejected(&missing, &self.added, last, context),
             missing,
             next_experiment,

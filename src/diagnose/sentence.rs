@@ -126,6 +126,22 @@ pub fn entry(members: &[Member], removed: f64) -> String {
     format!("{head} This data cannot tell it from {}.", others.join(", nor from "))
 }
 
+/// What was seen and is not named: the effect in words, the part of the misfit that it removes, and why it is no answer.
+#[must_use]
+pub fn seen(described: &str, share: f64, why: &str) -> String {
+    format!("Seen, {why}: {described}, {:.0} % of the misfit.", 100.0 * share)
+}
+
+/// The sentence of a mismatch for which no effect of determined strength was found.
+#[must_use]
+pub fn undetermined(at: &str, share: f64) -> String {
+    format!(
+        "At {at} acts something that makes {:.0} % of the misfit, but these recordings tell the strength of no effect that would \
+         explain it from nothing: record with more motion there.",
+        100.0 * share
+    )
+}
+
 /// The sentence of an entry that the library does not explain.
 #[must_use]
 pub fn unlisted(at: &str, over: &str, share: f64) -> String {

@@ -45,7 +45,7 @@ fn ringing(rig: &Rig, e: usize) -> String {
 }
 
 /// Number `e` of the rig's effects as a member of full weight.
-fn member(of: &Hypothesis, e: usize) -> Member {
+pub(super) fn member(of: &Hypothesis, e: usize) -> Member {
     let effect = &of.rig.effects[e];
     let known = estimates(of);
     let mut parameters = BTreeMap::new();

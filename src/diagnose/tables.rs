@@ -118,13 +118,19 @@ pub fn ranking(base: &Hypothesis, added: &[Added], last: &[Trial], context: &Con
 /// One or two sentences for the head of the page.
 #[must_use]
 pub fn headline(diagnosis: &Diagnosis) -> String {
-    match diagnosis.verdict {
-        Verdict::Consistent => "The simulation as given explains the recordings to within their noise. Nothing is missing.".into(),
-        Verdict::Parameters => {
-            "With its parameters fitted again the simulation explains the recordings to within their noise. No physics is missing.".into()
+    let said = match diagnosis.verdict {
+        Verdict::Consistent => {
+            vec!["The simulation as given explains the recordings to within their noise. Nothing is missing."]
         }
-        _ => diagnosis.missing.iter().map(|m| m.sentence.as_str()).collect::<Vec<_>>().join(" "),
-    }
+        Verdict::Parameters => {
+            vec![
+                "With its parameters fitted again the simulation explains the recordings to within their noise. No physics is missing.",
+            ]
+        }
+        _ => diagnosis.missing.iter().map(|m| m.sentence.as_str()).collect(),
+    };
+    let seen = diagnosis.seen.iter().map(|s| s.sentence.as_str());
+    said.into_iter().chain(seen).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]

@@ -32,6 +32,8 @@ pub struct Unlisted {
     pub laws: Vec<Law>,
     /// Where it lives.
     pub places: Vec<Place>,
+    /// Part of the misfit that it explains, where that is known.
+    pub share: Option<f64>,
     /// True if its force goes with time, not with the state.
     pub over_time: bool,
     /// The joint with whose position its force goes, if it does.
@@ -46,6 +48,7 @@ impl Unlisted {
             entry: nameless(at, sentence),
             laws: Vec::new(),
             places: Vec::new(),
+            share: None,
             over_time: false,
             over_position_of: None,
         }
@@ -148,7 +151,14 @@ fn changed(
     let at = force.entry.one_of.first().map_or("", |member| member.at.as_str());
     let sentence = sentence::changed(at, (name, changed.from_s), &changed.numbers());
     let places = base.rig.sensors.first().map(|s| changed.place(&s.column)).into_iter().collect();
-    Some(Unlisted { entry: nameless(at, sentence), places, over_time: true, over_position_of: None, ..force.clone() })
+    Some(Unlisted {
+        entry: nameless(at, sentence),
+        places,
+        share: None,
+        over_time: true,
+        over_position_of: None,
+        ..force.clone()
+    })
 }
 
 /// A free force over the position of `joint`, or of one at which a ripple was found, that says more than all that was found.
@@ -177,6 +187,7 @@ fn over_position(
             entry: nameless(at, sentence),
             laws: vec![curve.law()],
             places: Vec::new(),
+            share: Some(part),
             over_time: false,
             over_position_of: Some(joint),
         }
@@ -220,7 +231,8 @@ fn structure(of: &Hypothesis, with_time: bool, said: &mut impl FnMut(&str)) -> O
     let told = sine.filter(|_| best.is_over_time()).unwrap_or(best);
     said(&format!("free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
     let at = of.rig.mechanism.coordinates()[best.joint];
-    let sentence = sentence::unlisted(at, &told.over, share(of, told));
+    let share = share(of, told);
+    let sentence = sentence::unlisted(at, &told.over, share);
     let entry = nameless(at, sentence);
     let mut laws: Vec<Law> = Vec::new();
     for law in patterns.iter().filter_map(|p| p.curve.as_ref()).map(|c| law(of, c)) {
@@ -229,7 +241,8 @@ fn structure(of: &Hypothesis, with_time: bool, said: &mut impl FnMut(&str)) -> O
         }
     }
     let (over_time, over_position_of) = (best.is_over_time(), best.is_over_position().then_some(best.joint));
-    Some((Unlisted { entry, laws, places: located(of, best), over_time, over_position_of }, excess(best)))
+    let places = located(of, best);
+    Some((Unlisted { entry, laws, places, share: Some(share), over_time, over_position_of }, excess(best)))
 }
 
 impl Pattern {

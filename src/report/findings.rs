@@ -1,6 +1,6 @@
 //! What a diagnosis found, as plain data: `diagnosis.json` (contract §4) and the curves of `report.html`.
 //!
-//! It lives below `diagnose` so that the pages can be drawn from it; `diagnose::verdict` re-exports it.
+//! It lives below `diagnose` so that the pages can be drawn from it; `diagnose::judge::verdict` re-exports it.
 //! RT: no.
 
 use serde::Serialize;
@@ -96,6 +96,21 @@ pub struct Rejected {
     pub why: String,
 }
 
+/// An effect that was found and is no explanation: too small to matter, or its strength not told from nothing.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Seen {
+    /// Id of contract §3.
+    pub effect: String,
+    /// Its place.
+    pub at: String,
+    /// Part of the misfit without it that it removes, 0 to 1.
+    pub share: f64,
+    /// Its parameters.
+    pub parameters: BTreeMap<String, Estimate>,
+    /// What a person would say.
+    pub sentence: String,
+}
+
 /// Error of the free runs of one channel of one recording: RMSE over the pooled standard deviation of the channel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
@@ -126,6 +141,9 @@ pub struct Diagnosis {
     pub places: Vec<Place>,
     /// What is missing.
     pub missing: Vec<Missing>,
+    /// What was found and is too small to matter, or not told from nothing; no part of the verdict.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub seen: Vec<Seen>,
     /// What was considered and ruled out.
     pub rejected: Vec<Rejected>,
     /// What would separate the members of an ambiguous entry.

@@ -122,7 +122,8 @@ pub fn is_accepted(
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
     // A strength that a base parameter shares is uncertain; that it is none is not, with a gain like this.
     let beyond_doubt = !misfit && trial.gain > BEYOND_DOUBT * threshold;
-    if !beyond_doubt && strength_is_undetermined(&trial.hypothesis) {
+    let last = trial.hypothesis.rig.effects.len().saturating_sub(1);
+    if !beyond_doubt && strength_is_undetermined(&trial.hypothesis.clone().with_intervals(), last) {
         said(&format!("   {effect} is not two deviations from nothing"));
         return false;
     }
@@ -132,17 +133,23 @@ pub fn is_accepted(
     kept >= least || trial.candidate.only.is_some()
 }
 
-/// True if the last effect's strength is less than two deviations from nothing, with all that widens an interval: where
-/// misfit stays a gain may be all of a piece, and the same data then do not tell its strength.
-fn strength_is_undetermined(of: &Hypothesis) -> bool {
-    let of = of.clone().with_intervals();
-    let (Some(e), known) = (of.rig.effects.len().checked_sub(1), estimates(&of)) else { return false };
+/// True if the 95 % interval of the strength of effect `e` reaches nothing, with all that widens an interval: such a number is no
+/// explanation. `of`: with intervals. What is absent at infinity (a stiffness, a limit) is judged by its inverse.
+#[must_use]
+pub fn strength_is_undetermined(of: &Hypothesis, e: usize) -> bool {
+    let Some(effect) = of.rig.effects.get(e) else { return false };
+    let known = estimates(of);
     let unsure = |(k, key): (usize, &Key)| {
-        let (Role::Strength(nothing), slot) = (key.role, Slot::Effect(Scope::Rig, e, k)) else { return false };
-        let fitted = of.problem.theta.index_of_slot(slot).map(|i| known[i].1);
+        let nothing = match key.role {
+            Role::Strength(nothing) => nothing,
+            // Of an inverse the relative deviation is the same.
+            Role::Inverse => 0.0,
+            Role::Shape => return false,
+        };
+        let fitted = of.problem.theta.index_of_slot(Slot::Effect(Scope::Rig, e, k)).map(|i| known[i].1);
         fitted.is_some_and(|x| (x.value - nothing).abs() < STRENGTH_DEVIATIONS * x.std)
     };
-    of.rig.effects[e].kind.keys().iter().enumerate().any(unsure)
+    effect.kind.keys().iter().enumerate().any(unsure)
 }
 
 /// True if the fit left the candidate's strength at nothing.

@@ -21,8 +21,8 @@ pub const SINGLE_EVENT: f64 = 1.5;
 pub const BEYOND_DOUBT: f64 = 5.0;
 /// Gain in thresholds that no healthy machine shows. *Measured:* theirs stay below a third of it.
 pub const FAR_BEYOND_CHANCE: f64 = 2.0;
-/// Standard deviations from nothing below which a strength is none. *Argued:* the 95 % interval reaches nothing.
-pub const STRENGTH_DEVIATIONS: f64 = 2.0;
+/// Standard deviations from nothing below which a strength is none. *By definition:* the 95 % interval reaches nothing.
+pub const STRENGTH_DEVIATIONS: f64 = 1.96;
 /// Relative distance to a bound at which a number was cut off rather than found. *Argued:* the last step of a fit.
 pub const AT_BOUND: f64 = 0.01;
 /// Lead over another model, in twice the log-likelihood, from which it is replaced. *Argued:* odds of 150 to 1.
@@ -139,6 +139,13 @@ pub const EXPLAINED: f64 = 2.0;
 pub const UNFOLLOWED: f64 = 5.0;
 /// See [`UNFOLLOWED`].
 pub const UNFOLLOWED_SPREAD: f64 = 0.3;
+
+// What matters.
+
+/// Smallest part of the misfit that an effect removes when it matters; `--least` asks for another. *Measured:* 13 of 186 healthy
+/// cases of other simulators were called ill for something that removes .02 to .11; of 88 cases with effects the least of a true
+/// one was .13.
+pub const LEAST_SHARE: f64 = 0.12;
 
 // What is noise.
 

@@ -3,7 +3,8 @@
 //! RT: no.
 
 pub use crate::report::findings::{
-    Diagnosis, Estimate, Figure, Findings, Law, Member, Missing, ParameterLine, Place, Ranked, Rejected, Trace, Verdict,
+    Diagnosis, Estimate, Figure, Findings, Law, Member, Missing, ParameterLine, Place, Ranked, Rejected, Seen, Trace,
+    Verdict,
 };
 
 use super::criterion::{Context, detection_threshold};
@@ -20,6 +21,12 @@ pub fn refit_is_needed(gain: Difference, numbers: usize, context: &Context) -> b
 #[must_use]
 pub fn is_far_beyond_chance(gain: f64, numbers: usize, context: &Context) -> bool {
     gain > FAR_BEYOND_CHANCE * detection_threshold(context, numbers)
+}
+
+/// True if an effect that removes this part of the misfit matters, where the smallest that does removes `least`.
+#[must_use]
+pub fn is_material(share: f64, least: f64) -> bool {
+    share >= least
 }
 
 /// True if a search that ended early may have missed something, by the part of the misfit that it explained.

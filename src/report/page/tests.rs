@@ -90,6 +90,7 @@ fn findings() -> Findings {
             verdict: Verdict::Explained,
             places: vec![place(4.4, 5.8, 0.41), place(6.2, 8.0, 0.3)],
             missing: vec![Missing { one_of: vec![member], sentence: String::new() }],
+            seen: Vec::new(),
             rejected: vec![Rejected {
                 effect: "load_friction".into(),
                 at: "q1".into(),
