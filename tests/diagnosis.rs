@@ -2,7 +2,6 @@
 #![expect(clippy::unwrap_used, clippy::print_stderr, reason = "a test")]
 
 use compass::diagnose::judge::verdict::Verdict;
-use compass::diagnose::judge::verdict::Verdict;
 use compass::diagnose::pipeline::{Answer, Options, diagnose};
 use compass::identify::experiment::Experiment;
 use compass::identify::rollout::{Fidelity, Readings, Rollout};
