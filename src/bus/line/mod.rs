@@ -340,9 +340,14 @@ impl Line {
         self.counters.foreign = self.counters.foreign.saturating_add(1);
     }
 
+    /// A queue keeps its order: a SYNC that was sent before this command has left too, though nobody heard its echo.
     fn on_command_echo(&mut self, node: Node) {
         self.waited = Span::ZERO;
-        self.with(node, |drive, _| drive.command_in_flight = None);
+        let mut sent = None;
+        self.with(node, |drive, _| sent = drive.command_in_flight.take());
+        if sent.is_some_and(|sent| self.sync_in_flight.is_some_and(|sync| sync < sent)) {
+            self.sync_in_flight = None;
+        }
     }
 
     /// A queue keeps its order: what was sent before this SYNC has left too.

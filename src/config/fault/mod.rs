@@ -101,7 +101,8 @@ impl Injection {
     /// As it would be typed, with all arguments.
     #[must_use]
     pub fn text(&self) -> String {
-        let ms = |span: Span| format!("{}ms", span.as_s() * 1e3);
+        #[expect(clippy::cast_precision_loss, reason = "a run of weeks has 2^53 ns")]
+        let ms = |span: Span| format!("{}ms", span.0 as f64 / 1e6);
         let value = |key: &str| match key {
             "bus" => self.bus.to_string(),
             "drive" => DRIVE_KEYS[self.drive as usize].to_owned(),

@@ -110,6 +110,10 @@ pub fn run(config: &Config, seed: u64, length: Span) -> Result<Soaked, LockstepE
 mod tests {
     use super::*;
     use crate::config;
+    use crate::config::fault::Device;
+
+    /// Of the drives, with the period in which it is looked at.
+    const WATCHDOG: Span = Span::from_ms(51);
 
     /// Full size is `compass sim --soak 5000`; the result stands in `docs/faults.md`.
     #[test]
@@ -119,6 +123,13 @@ mod tests {
         for seed in 1..=100 {
             let soaked = run(&config, seed, Span::from_ms(4000)).unwrap();
             assert_eq!(soaked.breach, None, "seed {seed}: {:?}", soaked.faults);
+            // A frame that waits for a wire which is dead or busy grows old there. Not for long: the drive's own
+            // watchdog, and at most one such frame for each drive.
+            let wire_suffers = soaked.faults.iter().any(|fault| fault.entry.device == Device::Bus);
+            let [hip, toe] = soaked.oldest_command;
+            let (most_hip, most_toe) =
+                if wire_suffers { (WATCHDOG, WATCHDOG) } else { (config.real_time.period, Span::from_ms(4)) };
+            assert!(hip <= most_hip && toe <= most_toe, "seed {seed}: {hip:?} {toe:?} {:?}", soaked.faults);
             latched += soaked.latched;
             armings += soaked.armings;
         }

@@ -107,10 +107,10 @@ fn line(out: &mut String, row: &Row) {
     let entry = row.injection.entry;
     let places: Vec<&str> = entry.places.iter().map(|place| place.name()).collect();
     let kind = if row.injection.kind.is_empty() { String::new() } else { format!(" {}", row.injection.kind) };
+    let noticed_ones = || row.reactions.iter().filter(|reaction| reaction.detected.is_some());
     let longest = |of: fn(&Reaction) -> Option<Span>| {
-        let all: Option<Vec<Span>> = row.reactions.iter().map(of).collect();
-        all.and_then(|all| all.into_iter().max())
-            .map_or_else(|| "-".to_owned(), |span| format!("{:.0}", span.as_s() * 1e3))
+        let span = noticed_ones().filter_map(of).max();
+        span.map_or_else(|| "-".to_owned(), |span| format!("{:.0}", span.as_s() * 1e3))
     };
     let _infallible = writeln!(
         out,
@@ -172,6 +172,7 @@ mod tests {
         ("no_acknowledge", Stops(&[DriveStale], 8, WATCHDOG_MS)),
         ("queue_full", Stops(&[DriveStale], 8, WATCHDOG_MS)),
         ("link_down", Stops(&[BusUnhealthy], 1, WATCHDOG_MS)),
+        ("frame_errors lost", Tolerated),
         ("frame_errors doubled", Tolerated),
         ("frame_errors reordered", Tolerated),
         ("frame_errors flipped", Stops(&[OutOfRange, DriveFault, DriveStale, BusUnhealthy], 1000, 1050)),
@@ -237,6 +238,18 @@ mod tests {
             }
             Tolerated => assert!(reaction.ends_armed && reaction.detected.is_none(), "{name}: {reaction:?}"),
             NotArmed => assert!(!reaction.ends_armed && reaction.safe_after.is_some(), "{name}: {reaction:?}"),
+        }
+    }
+
+    #[test]
+    fn the_page_has_a_row_for_every_kind_of_every_fault() {
+        let page = include_str!("../../../docs/faults.md");
+        for entry in CATALOGUE {
+            for injection in kinds(entry) {
+                let kind = if injection.kind.is_empty() { String::new() } else { format!(" {}", injection.kind) };
+                let row = format!("\n| `{}`{kind} | ", entry.name);
+                assert!(page.contains(&row), "no row for {}{kind}: run `compass sim --fault table`", entry.name);
+            }
         }
     }
 
