@@ -74,7 +74,7 @@ pub fn run(config: &Config, seed: u64, length: Span) -> Result<Soaked, LockstepE
     config.simulation.seed = seed;
     config.simulation.faults = draw(&config, seed, length);
     // Every other robot is held, so that it can be armed again after a fault: one that has fallen cannot.
-    if seed % 2 == 0 {
+    if seed.is_multiple_of(2) {
         config.simulation.release_torque_nm = 1e6;
         config.simulation.release_after = Span::ZERO;
     }
