@@ -187,3 +187,37 @@ fn a_dead_man_switch_without_a_hand_is_refused() {
     let (code, _, stderr) = compass(&["zero", "--socket", path.to_str().unwrap(), "--angle-deg", "2"]);
     assert_eq!((code, robot.recv(&mut bytes).unwrap()), (0, 9), "{stderr}");
 }
+
+#[test]
+fn another_process_reads_along_in_shared_memory_and_at_the_socket() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("watch");
+    let (socket, name) = (socket.to_str().unwrap(), format!("test-watch-{}", std::process::id()));
+    let mut robot = Plain::new(env!("CARGO_BIN_EXE_compass"))
+        .args(["run", "--for", "20s", "--name", &name, "--watch-socket", socket, "--set", "rt.lock_memory=false"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    while !Path::new(socket).exists() {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    for ways in [["--socket", socket], ["--name", &name]] {
+        let lines =
+            || compass(&[&["watch", "--for", "1s", "--stream", "status", "--stream", "imu"], &ways[..]].concat());
+        // The channels are there a moment after the process.
+        let (code, said, stderr) =
+            (0..50).map(|_| lines()).find(|(code, said, _)| *code == 0 && !said.is_empty()).unwrap_or_else(lines);
+        assert_eq!(code, 0, "{ways:?}: {stderr}");
+        let messages: Vec<serde_json::Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        assert!(messages.iter().any(|line| line["stream"] == "status" && line["message"]["mode"].is_string()));
+        let (code, said, stderr) = compass(&[&["watch", "--for", "2s"], &ways[..]].concat());
+        assert!(code == 0 && said.contains("stance"), "{ways:?}: {said}{stderr}");
+    }
+    assert_eq!(compass(&["watch", "--socket", socket, "--stream", "nonsense"]).0, 2);
+    assert_eq!(compass(&["watch", "--socket", "/nowhere/watch"]).0, 3);
+    assert_eq!(compass(&["watch", "--name", "no-such-robot"]).0, 3);
+    robot.kill().unwrap();
+    robot.wait().unwrap();
+}

@@ -8,7 +8,11 @@ use crate::msg::Element;
 use iceoryx2::node::NodeBuilder;
 use iceoryx2::port::publisher::Publisher as Port;
 use iceoryx2::port::subscriber::Subscriber as Inlet;
-use iceoryx2::prelude::{BackpressureStrategy, SignalHandlingMode, ZeroCopySend, ipc};
+use iceoryx2::prelude::{
+    BackpressureStrategy, CallbackProgression, Config, PortFactory as _, Service as _, SignalHandlingMode,
+    ZeroCopySend, ipc,
+};
+use iceoryx2::service::ServiceDetails;
 use std::ffi::CString;
 use std::fmt::{Debug, Display};
 use std::mem::MaybeUninit;
@@ -101,6 +105,49 @@ impl Endpoint {
             self.service(topic)?.subscriber_builder().create().map_err(|e| ChannelError::new(topic.name(), e))?;
         Ok(Subscriber { inlet, expected: None, missed: 0 })
     }
+
+    /// Opens a receiving end of what somebody else offers, and makes nothing if nobody does.
+    ///
+    /// # Errors
+    /// When nobody offers it, or there is no room for another reader.
+    pub fn listener<T: Payload>(&self, topic: &Topic<T>) -> Result<Listener<T>, ChannelError> {
+        let name = topic.service_name(&self.robot);
+        let fail = |e: &dyn Display| ChannelError::new(&name, e);
+        let service = self
+            .node
+            .service_builder(&name.as_str().try_into().map_err(|e| fail(&e))?)
+            .publish_subscribe::<T>()
+            .user_header::<Sequence>()
+            .open()
+            .map_err(|e| fail(&e))?;
+        let inlet = service.subscriber_builder().create().map_err(|e| fail(&e))?;
+        Ok(Listener { service, subscriber: Subscriber { inlet, expected: None, missed: 0 } })
+    }
+
+    /// Removes what processes left behind that died without saying goodbye.
+    pub fn forget_the_dead(&self) {
+        let _cleaned = self.node.try_cleanup_dead_nodes();
+    }
+}
+
+/// A receiving end that knows whether anybody speaks.
+#[derive(Debug)]
+pub struct Listener<T: Payload> {
+    service: Service<T>,
+    subscriber: Subscriber<T>,
+}
+
+impl<T: Payload> Listener<T> {
+    /// The oldest message that waits, if any. Never waits.
+    pub fn receive(&mut self) -> Option<T> {
+        self.subscriber.receive()
+    }
+
+    /// False when the last publisher has gone.
+    #[must_use]
+    pub fn has_publisher(&self) -> bool {
+        self.service.dynamic_config().number_of_publishers() > 0
+    }
 }
 
 /// Where iceoryx2 puts what it shares.
@@ -138,6 +185,37 @@ fn free_bytes(folder: &Path) -> Option<u64> {
     // SAFETY: all-zero bytes are a valid statvfs, and the call has filled it in.
     let stat = unsafe { stat.assume_init() };
     Some(stat.f_bavail.saturating_mul(stat.f_frsize))
+}
+
+/// What a process finds that wants to read a topic of somebody else.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Found {
+    /// Robots that offer it.
+    pub robots: Vec<String>,
+    /// Robots that offer it with other fields: another build.
+    pub other_builds: Vec<String>,
+}
+
+/// Which robots of this user offer the topic.
+///
+/// # Errors
+/// When shared memory cannot be looked at.
+pub fn robots_with<T: Payload>(topic: &Topic<T>) -> Result<Found, ChannelError> {
+    let mut found = Found::default();
+    let middle = format!("/{}/", topic.name());
+    let each = |service: ServiceDetails<ipc::Service>| {
+        let name = service.static_details.name().as_str();
+        if let Some((robot, _)) = name.strip_prefix("compass/").and_then(|rest| rest.rsplit_once(&middle)) {
+            let same = topic.service_name(robot) == name;
+            let list = if same { &mut found.robots } else { &mut found.other_builds };
+            list.push(robot.to_owned());
+        }
+        CallbackProgression::Continue
+    };
+    ipc::Service::list(Config::global_config(), each).map_err(|e| ChannelError::new(topic.name(), e))?;
+    found.robots.sort();
+    found.other_builds.sort();
+    Ok(found)
 }
 
 type Service<T> = iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, T, Sequence>;

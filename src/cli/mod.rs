@@ -13,6 +13,7 @@ mod doctor;
 mod experiment;
 mod faults;
 mod identify;
+mod imu_probe;
 mod inspect;
 mod operator;
 mod outcome;
@@ -20,6 +21,7 @@ mod plan;
 mod plant;
 mod predict;
 pub mod progress;
+mod remote;
 mod replay;
 mod run;
 mod score;
@@ -27,6 +29,7 @@ mod sim;
 mod simulate;
 mod trial;
 mod warn;
+mod watch;
 mod zero;
 
 use clap::{Parser, Subcommand};
@@ -54,6 +57,8 @@ enum Command {
     Run(Box<run::Args>),
     Plant(plant::Args),
     Operator(operator::Args),
+    Watch(watch::Args),
+    Remote(remote::Args),
     Zero(zero::Args),
     Sim(sim::Args),
     Experiment(experiment::Args),
@@ -77,6 +82,8 @@ impl Run for Command {
             Self::Run(args) => args.run(),
             Self::Plant(args) => args.run(),
             Self::Operator(args) => args.run(),
+            Self::Watch(args) => args.run(),
+            Self::Remote(args) => args.run(),
             Self::Zero(args) => args.run(),
             Self::Sim(args) => args.run(),
             Self::Experiment(args) => args.run(),

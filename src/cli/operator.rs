@@ -3,16 +3,20 @@
 //! Nothing here holds by itself. With `--device` the key's state is asked of the kernel. A terminal tells no release, so
 //! there "held" means that the key repeats without a gap; when a connection or a keyboard dies, repeats end.
 
-mod key;
+pub(super) mod key;
 
-use super::{Outcome, Run, UsageError};
+use super::{Outcome, Run};
 use crate::rt::stop::Stop;
 use crate::sensor::operator::socket::{HELD, OPEN, zero_datagram};
 use anyhow::Context;
 use key::{Key, KeyState};
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::os::unix::net::UnixDatagram;
 use std::path::PathBuf;
+use std::time::Duration;
+
+/// Between two heartbeats: five fit into the 100 ms after which silence is a fault.
+const HEARTBEAT: Duration = Duration::from_millis(20);
 
 /// Heartbeats of the release, so that one lost datagram does not matter.
 const RELEASES: usize = 3;
@@ -46,14 +50,7 @@ impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
         let stop = Stop::on_signals().context("signal handlers")?;
         let socket = connect(&self.socket)?;
-        let mut key = match &self.device {
-            Some(path) => Key::device(path, self.key).with_context(|| format!("--device {}", path.display()))?,
-            None if io::stdin().is_terminal() => Key::terminal()?,
-            None => {
-                let what = "a dead-man switch wants a hand: stdin is no terminal. Run it in one, or name a --device";
-                return Err(UsageError(what.into()).into());
-            }
-        };
+        let mut key = Key::open(self.device.as_deref(), self.key)?;
         let held = beat(&socket, &mut key, &stop);
         for _ in 0..RELEASES {
             // The robot may be gone already, and then all is well.
@@ -76,7 +73,7 @@ pub(super) fn connect(path: &std::path::Path) -> anyhow::Result<UnixDatagram> {
 fn beat(socket: &UnixDatagram, key: &mut Key, stop: &Stop) -> anyhow::Result<()> {
     let mut shown = None;
     while !stop.is_requested() {
-        match key.wait()? {
+        match key.wait(HEARTBEAT)? {
             KeyState::Quit => return Ok(()),
             KeyState::Zero => drop(socket.send(&zero_datagram(0.0)).context("the robot is gone")?),
             KeyState::Switch(held) => {

@@ -1,5 +1,6 @@
 //! `compass run`: the main job. RT: no; it assembles and watches the threads that are.
 
+mod mocap;
 mod mock;
 mod sinks;
 mod summary;
@@ -12,12 +13,16 @@ use super::{Outcome, Run, UsageError};
 use crate::bus::socketcan::master::MasterLock;
 use crate::config::Resolved;
 use crate::config::checked::Config;
+use crate::record::live::Window;
 use crate::rt::process::{self, Parts, Running, Summary};
+use crate::rt::relay::Sinks;
 use crate::rt::stop::{self, Stop};
 use crate::rt::tick::Tick;
-use crate::sensor::operator::socket::Refusals;
+use crate::sensor::operator::Refused;
 use anyhow::Context;
+use mocap::Capture;
 use sinks::Archive;
+use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -32,6 +37,7 @@ Examples:
   compass run --record /var/lib/compass --keep 100GB   the oldest recordings go when the folder is full
   compass run --config /etc/compass                    a robot's own configuration
   compass run --config /etc/compass --record log       real buses, IMU and dead-man switch are named there
+  compass run --watch-socket /run/compass/watch        others of the group may read along (compass watch)
 
 Real buses with the simulated hand or the simulated IMU are refused: motors would run with nobody there.
 
@@ -51,6 +57,9 @@ pub(crate) struct Args {
     /// What the recordings in that folder may take, such as 100GB: a new file is begun in time and the oldest are removed
     #[arg(long, value_name = "SIZE", value_parser = size, requires = "record")]
     keep: Option<u64>,
+    /// Makes a socket at which others of this process's group may read along: `compass watch --socket PATH`
+    #[arg(long, value_name = "PATH")]
+    watch_socket: Option<PathBuf>,
     /// Name of the robot in its channels, by which other processes find it
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
@@ -93,29 +102,40 @@ impl Run for Args {
         let resolved = self.config.load()?;
         let stop = Stop::on_signals().context("signal handlers")?;
         let archive = Arc::new(Archive::open(self.record.as_deref(), self.keep, &resolved)?);
+        let open = |path: &PathBuf| Window::open(path, &resolved.text).with_context(|| path.display().to_string());
+        let window = self.watch_socket.as_ref().map(open).transpose().context("--watch-socket")?;
         let robot = self.name.clone().unwrap_or_else(|| default_name(&resolved.config));
-        let Assembled { running, mock, refusals, locks } = assemble(&resolved, &robot, &archive, &stop)?;
+        let Assembled { running, mock, refused, locks } = assemble(&resolved, &robot, archive.sinks(window), &stop)?;
+        let capture = capture(&resolved.config, &archive)?;
         let watcher = supervise::spawn(running.progress(), stop.clone(), self.run_for)?;
         let view = View::start(&view::Parts {
             config: &resolved.config,
             robot: &robot,
             running: &running,
             archive: &archive,
-            refusals,
+            refused,
             stop: &stop,
         })?;
         // A signal, the time, a person at the view or a panic ends it; the view itself does not.
         let summary = running.wait();
         drop((mock, locks));
+        let captured = capture.and_then(Capture::finish);
         if watcher.join().is_err() {
             anyhow::bail!("the supervising thread failed");
         }
         let closed = archive.finish();
         let mut words = Vec::new();
         summary::write(&mut words, &summary, &closed)?;
+        captured.iter().try_for_each(|line| writeln!(words, "{line}"))?;
         view.finish(String::from_utf8_lossy(&words).into_owned());
         outcome(&summary, stop::panics())
     }
+}
+
+/// Ground truth beside the run, if cameras are configured and there is a recording to put it into.
+fn capture(config: &Config, archive: &Archive) -> anyhow::Result<Option<Capture>> {
+    let parts = config.robot.mocap.as_ref().zip(archive.poses());
+    parts.map(|(config, each)| Capture::start(config, each)).transpose()
 }
 
 /// A real robot is called `robot`; simulated ones must not hear each other.
@@ -127,15 +147,15 @@ fn default_name(config: &Config) -> String {
 struct Assembled {
     running: Running,
     mock: Option<mock::MockRobot>,
-    refusals: Option<Arc<Refusals>>,
+    refused: Refused,
     locks: Vec<MasterLock>,
 }
 
-fn assemble(resolved: &Resolved, robot: &str, archive: &Archive, stop: &Stop) -> anyhow::Result<Assembled> {
+fn assemble(resolved: &Resolved, robot: &str, sinks: Sinks, stop: &Stop) -> anyhow::Result<Assembled> {
     let config = &resolved.config;
     let tick = Tick::new(config).map_err(|error| UsageError(error.to_string()))?;
     let wiring = wiring::open(config, robot)?;
-    let (stop_frames, refusals) = (tick.stop_frames(), wiring.hand.refusals());
+    let (stop_frames, refused) = (tick.stop_frames(), wiring.hand.refused());
     let parts = Parts {
         config: config.clone(),
         robot: robot.to_owned(),
@@ -145,11 +165,11 @@ fn assemble(resolved: &Resolved, robot: &str, archive: &Archive, stop: &Stop) ->
         stop_frames,
         missing: wiring.missing,
         simulated: wiring::is_simulated(config),
-        sinks: archive.sinks(),
+        sinks,
         stop: stop.clone(),
     };
     let mock = wiring.mock.map(mock::MockRobot::start).transpose()?;
-    Ok(Assembled { running: process::start(tick, parts)?, mock, refusals, locks: wiring.locks })
+    Ok(Assembled { running: process::start(tick, parts)?, mock, refused, locks: wiring.locks })
 }
 
 /// How the run ended. Letting the switch go is the ordinary end of it; anything else that was latched is a finding.

@@ -1,6 +1,9 @@
 //! Configuration after all checks: domains hold, names resolve, nothing is missing. RT: read only.
 
 pub use super::drives::{Cia402, Claim, DriveProtocol, Mit, MitDialect, Moteus, Odrive, OdriveFirmware, Traffic};
+pub use super::mocap::{Mocap, MocapSource};
+pub use super::operator::{Heartbeat, Operator, OperatorDevice, OperatorRemote};
+
 use super::fault::Injection;
 use crate::base::can_time::BitRates;
 use crate::base::time::Span;
@@ -55,6 +58,8 @@ pub struct Robot {
     pub limits: Limits,
     /// Where the dead-man switch is.
     pub operator: Operator,
+    /// Ground truth for recordings, if there is motion capture.
+    pub mocap: Option<Mocap>,
 }
 
 impl Robot {
@@ -220,6 +225,15 @@ pub enum ImuMessage {
     EulerRate,
 }
 
+/// What the IMU speaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImuProtocol {
+    /// The single-byte protocol of the 3DM-GX3-25.
+    Gx3,
+    /// MicroStrain MIP: what followed it.
+    Mip,
+}
+
 /// What carries the IMU's bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SerialBackend {
@@ -234,6 +248,8 @@ pub enum SerialBackend {
 pub struct Imu {
     /// Backend.
     pub backend: SerialBackend,
+    /// What it speaks.
+    pub protocol: ImuProtocol,
     /// Baud rate.
     pub baud: u32,
     /// Streamed message.
@@ -279,15 +295,6 @@ pub struct Limits {
     pub overruns_per_s: u32,
     /// Above this tilt at the start arming is refused, rad.
     pub arm_tilt_rad: f64,
-}
-
-/// Where the dead-man switch is.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Operator {
-    /// Simulated: pressed after a moment, held to the end.
-    Simulated,
-    /// A UNIX datagram socket: byte 1 = held, 0 = released, at 20 Hz or more.
-    Socket(String),
 }
 
 /// Scheduling of one thread.

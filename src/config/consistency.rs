@@ -25,6 +25,7 @@ pub(super) fn check(config: &Config, log: &Log) {
     safety_times(config, log);
     faults(config, log);
     watchdogs(config, log);
+    remote_hand(&config.robot, log);
     for bus in 0..config.robot.buses.len() {
         bus_load(config, bus, log);
     }
@@ -251,6 +252,26 @@ fn backends(robot: &Robot, log: &Log) {
     }
 }
 
+/// A hand behind a network: how soon a dead link is noticed, and who can reach the port.
+fn remote_hand(robot: &Robot, log: &Log) {
+    let Operator::Remote(remote) = &robot.operator else { return };
+    // 20 ms are for the period of the states and for our own.
+    if robot.limits.operator_age > Span::from_ms(110) {
+        let what = "must be at most 110 ms with a hand behind a network: a dead link shall be safe within 130 ms";
+        log.error(problem("robot.limits.operator_age_ms", what.to_owned()));
+    }
+    // Twenty datagrams, of which one must come.
+    if robot.limits.operator_age < Span::from_ms(100) {
+        let what = "is less than 100 ms: at 30 % loss the robot would disarm without reason";
+        log.warn(problem("robot.limits.operator_age_ms", what.to_owned()));
+    }
+    if !remote.listen.ip().is_loopback() {
+        let what =
+            format!("{} can be reached from outside: the secret is all that keeps others from it", remote.listen);
+        log.warn(problem("robot.operator.source", what));
+    }
+}
+
 /// Real motors, and a hand or an attitude that a program makes up: nobody holds the robot. `compass plant` is exempt, it
 /// is the simulated robot itself.
 pub(super) fn made_up_senses(robot: &Robot, log: &Log) {
@@ -259,7 +280,7 @@ pub(super) fn made_up_senses(robot: &Robot, log: &Log) {
     }
     if robot.operator == Operator::Simulated {
         let what = "the buses are real and the hand on the dead-man switch is simulated: motors would run with nobody \
-                    there. Must be \"socket:/PATH\"";
+                    there. Must be \"socket:/PATH\", \"device:/PATH\" or \"udp:ADDRESS:PORT\"";
         log.error(problem("robot.operator.source", what.to_owned()));
     }
     if robot.imu.backend == SerialBackend::Mock {

@@ -292,6 +292,12 @@ impl Reader<'_> {
         placeholder
     }
 
+    /// One of some words, or nothing.
+    pub(super) fn optional_choice<T: Copy>(&self, key: &'static str, choices: &[(&str, T)]) -> Option<T> {
+        let (_, first) = choices.first()?;
+        self.find(key).map(|_| self.choice(key, choices, *first))
+    }
+
     /// A table within.
     pub(super) fn table<T>(&self, key: &'static str, f: impl FnOnce(&Reader<'_>) -> T) -> T {
         let empty = Node::empty(&self.node.at.file);

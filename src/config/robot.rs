@@ -1,10 +1,12 @@
 //! Reads `robot`: model, drives, buses, sensors, limits. RT: before arming only.
 
 use super::checked::{
-    BusBackend, BusConfig, Hip, HipElasticity, Imu, ImuMessage, Limits, Model, Operator, Parameter, Robot,
+    BusBackend, BusConfig, Hip, HipElasticity, Imu, ImuMessage, ImuProtocol, Limits, Model, Parameter, Robot,
     SerialBackend, Toe,
 };
 use super::drive::drive;
+use super::mocap::mocap;
+use super::operator::operator;
 use super::reader::{Reader, range};
 use std::f64::consts::{PI, TAU};
 
@@ -20,7 +22,8 @@ pub(super) fn robot(r: &Reader<'_>) -> Robot {
         buses: [r.table("bus0", bus), r.table("bus1", bus)],
         imu: r.table("imu", imu),
         limits: r.table("limits", limits),
-        operator: r.table("operator", |o| Operator::parse(&o.text("source"), |what| o.refuse("source", what))),
+        operator: r.table("operator", operator),
+        mocap: r.optional_table("mocap", mocap),
     }
 }
 
@@ -135,30 +138,18 @@ impl SerialBackend {
     }
 }
 
-impl Operator {
-    fn parse(text: &str, mut refuse: impl FnMut(&str)) -> Self {
-        match text.strip_prefix("socket:") {
-            Some(path) if path.starts_with('/') && path.len() < 108 => Self::Socket(path.to_owned()),
-            _ => {
-                if text != "simulated" {
-                    refuse("must be \"simulated\" or \"socket:/PATH\" of at most 107 bytes");
-                }
-                Self::Simulated
-            }
-        }
-    }
-}
-
 /// Device limit for anything with orientation (3DM-GX3 data communications protocol).
 const MAX_ORIENTATION_HZ: u32 = 500;
-const MESSAGE_BYTES: u32 = 31;
 const BITS_PER_BYTE: u32 = 10;
 
 fn imu(r: &Reader<'_>) -> Imu {
+    // Left out in robots that were written down before there was another.
+    const PROTOCOLS: &[(&str, ImuProtocol)] = &[("gx3", ImuProtocol::Gx3), ("mip", ImuProtocol::Mip)];
     const MESSAGES: &[(&str, ImuMessage)] =
         &[("euler_rate", ImuMessage::EulerRate), ("accel_rate", ImuMessage::AccelRate)];
     let imu = Imu {
         backend: SerialBackend::parse(&r.text("backend"), |what| r.refuse("backend", what)),
+        protocol: r.optional_choice("protocol", PROTOCOLS).unwrap_or(ImuProtocol::Gx3),
         baud: r.integer("baud_bit_s", 115_200, 921_600, "bit/s"),
         message: r.choice("message", MESSAGES, ImuMessage::EulerRate),
         rate_hz: r.integer("rate_hz", 1, 1000, "Hz"),
@@ -169,11 +160,16 @@ fn imu(r: &Reader<'_>) -> Imu {
     if imu.rate_hz > 0 && 1000 % imu.rate_hz != 0 {
         r.refuse("rate_hz", "must divide 1000 Hz (the device decimates by a whole number)");
     }
-    if imu.message == ImuMessage::EulerRate && imu.rate_hz > MAX_ORIENTATION_HZ {
+    let limited = imu.protocol == ImuProtocol::Gx3 && imu.message == ImuMessage::EulerRate;
+    if limited && imu.rate_hz > MAX_ORIENTATION_HZ {
         r.refuse("rate_hz", "must be 1 to 500 Hz with message \"euler_rate\" (limit of the device for orientation)");
     }
-    if imu.rate_hz * MESSAGE_BYTES * BITS_PER_BYTE > imu.baud {
-        r.refuse("rate_hz", &format!("needs {} bit/s", imu.rate_hz * MESSAGE_BYTES * BITS_PER_BYTE));
+    let bytes = match imu.protocol {
+        ImuProtocol::Gx3 => 31,
+        ImuProtocol::Mip => 48,
+    };
+    if imu.rate_hz * bytes * BITS_PER_BYTE > imu.baud {
+        r.refuse("rate_hz", &format!("needs {} bit/s", imu.rate_hz * bytes * BITS_PER_BYTE));
     }
     imu
 }

@@ -24,7 +24,8 @@ pub use fault::{Fault, FaultCode};
 pub use frame::{BusFrame, CanFrame, FrameBatch, Frames, MAX_DATA, MAX_FRAMES};
 pub use reflect::{Element, FieldShape, Kind, Shape, Value};
 pub use sensor::{
-    BusHealth, DriveFeedback, DriveFeedbacks, DriveState, ImuBatch, ImuSample, MAX_IMU, OperatorSample, ZeroState,
+    BusHealth, DriveFeedback, DriveFeedbacks, DriveState, ImuBatch, ImuSample, MAX_IMU, MocapSample, OperatorSample,
+    ZeroState,
 };
 pub use status::{Mode, RecorderState, RecorderStatus, Status};
 pub use tick::{TickHead, TickInput, TickOutput, TickRecord};

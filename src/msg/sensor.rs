@@ -74,6 +74,28 @@ message! {
     }
 }
 
+message! {
+    /// The robot's body as cameras see it: ground truth for recordings. No tick looks at it.
+    pub struct MocapSample {
+        /// When the cameras saw it: the server's clock mapped to ours, or the arrival if it tells none.
+        pub stamp: Stamp,
+        /// When it arrived.
+        pub arrived: Stamp,
+        /// The server's count of frames.
+        pub frame: u32,
+        /// Number of the body at the server; 0 where bodies have names only.
+        pub body: u32,
+        /// The cameras see it; false for a pose that is an old one.
+        pub tracked: bool,
+        /// Position in the room, m.
+        pub position_m: [f64; 3],
+        /// Attitude in the room, x, y, z, w.
+        pub quaternion: [f64; 4],
+        /// Frames missing since the start.
+        pub missing: u32,
+    }
+}
+
 wire_enum! {
     /// Whether it is known where a drive's count zero is. Lost at each boot-up of the drive.
     pub enum ZeroState {

@@ -6,7 +6,7 @@ use super::storage::{Sink, Storage};
 use super::stream::{Stream, explode};
 use crate::base::time::Stamp;
 use crate::config::Resolved;
-use crate::msg::{RecorderStatus, TickRecord};
+use crate::msg::{Element, MocapSample, RecorderStatus, TickRecord};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapError, WriteOptions, Writer};
 use sha2::{Digest, Sha256};
@@ -109,9 +109,22 @@ impl LogFile {
     /// # Errors
     /// As for [`Self::write`].
     pub fn write_status(&mut self, status: &RecorderStatus) -> Result<(), McapError> {
-        encode(status, &mut self.buffer);
-        let log_time = nanoseconds(status.stamp);
-        let channel_id = self.channels[Stream::Recorder as usize];
+        self.write_beside(Stream::Recorder, status.stamp, status)
+    }
+
+    /// Adds a pose of motion capture.
+    ///
+    /// # Errors
+    /// As for [`Self::write`].
+    pub fn write_pose(&mut self, pose: &MocapSample) -> Result<(), McapError> {
+        self.write_beside(Stream::Mocap, pose.stamp, pose)
+    }
+
+    /// Adds what does not belong to a tick.
+    fn write_beside(&mut self, stream: Stream, valid_at: Stamp, message: &impl Element) -> Result<(), McapError> {
+        encode(message, &mut self.buffer);
+        let log_time = nanoseconds(valid_at);
+        let channel_id = self.channels[stream as usize];
         let header = MessageHeader { channel_id, sequence: self.sequence, log_time, publish_time: log_time };
         self.writer.write_to_known_channel(&header, &self.buffer)
     }

@@ -10,7 +10,7 @@ use super::log_file::{Identity, LogFile};
 use super::storage::{Folder, Shelf};
 use crate::base::time::{Span, Stamp};
 use crate::config::Resolved;
-use crate::msg::{RecorderState, RecorderStatus, TickRecord};
+use crate::msg::{MocapSample, RecorderState, RecorderStatus, TickRecord};
 use crossbeam::queue::ArrayQueue;
 use mcap::McapError;
 use std::io;
@@ -22,6 +22,8 @@ use std::time::{Duration, Instant};
 
 /// Ticks that may wait: 4 s at 1 kHz, 17 MB. A laptop's disk was seen to stop for about 1 s now and then.
 const QUEUE_TICKS: usize = 4096;
+/// Poses of motion capture that may wait: 2 s at 500 Hz.
+const QUEUE_POSES: usize = 1024;
 /// From one flush to the next. Together with one sync it must stay below 1 s.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
 /// Sleep of the thread when nothing waits; a wake-up by the loop would cost the loop a system call.
@@ -60,6 +62,8 @@ pub enum RecordError {
 /// What the pushing side and the thread share.
 struct Shared {
     queue: ArrayQueue<TickRecord>,
+    /// Ground truth that stands beside the ticks.
+    poses: ArrayQueue<MocapSample>,
     overflowed: AtomicU64,
     stop: AtomicBool,
     told: Mutex<Told>,
@@ -106,6 +110,7 @@ impl Recorder {
     fn start_on(shelf: Box<dyn Shelf>, identity: Identity, keep_bytes: Option<u64>) -> Result<Self, StartError> {
         let shared = Arc::new(Shared {
             queue: ArrayQueue::new(QUEUE_TICKS),
+            poses: ArrayQueue::new(QUEUE_POSES),
             overflowed: AtomicU64::new(0),
             stop: AtomicBool::new(false),
             told: Mutex::default(),
@@ -123,6 +128,12 @@ impl Recorder {
         if self.shared.queue.push(*record).is_err() {
             self.shared.overflowed.fetch_add(1, Ordering::Relaxed);
         }
+    }
+
+    /// Hands a pose over, to be written beside the ticks. Never waits; a full queue costs the oldest.
+    pub fn push_pose(&self, pose: &MocapSample) {
+        // Their frame numbers tell which are missing.
+        let _oldest = self.shared.poses.force_push(*pose);
     }
 
     /// True while at least one more tick fits into the queue: for a loop that may wait, such as a simulation.
@@ -252,6 +263,7 @@ impl Worker {
             self.status.stamp = record.input.now;
             self.write(&record);
         }
+        self.write_poses();
         waiting
     }
 
@@ -263,6 +275,16 @@ impl Worker {
         self.unsafe_ticks += 1;
         if let Err(error) = file.write(record) {
             self.fail(&error);
+        }
+    }
+
+    fn write_poses(&mut self) {
+        while let Some(pose) = self.shared.poses.pop() {
+            if let Some(file) = &mut self.file
+                && let Err(error) = file.write_pose(&pose)
+            {
+                self.fail(&error);
+            }
         }
     }
 

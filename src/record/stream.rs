@@ -7,7 +7,7 @@ use super::cdr::{decode, encode};
 use crate::base::time::Stamp;
 use crate::msg::{
     BUSES, BusFrame, ControlState, DriveCommands, DriveFeedbacks, Element, Estimate, FrameBatch, ImuBatch, ImuSample,
-    JointCommand, OperatorSample, RecorderStatus, Shape, Snapshot, Status, TickHead, TickRecord,
+    JointCommand, MocapSample, OperatorSample, RecorderStatus, Shape, Snapshot, Status, TickHead, TickRecord,
 };
 
 /// A stream of messages of one type.
@@ -30,11 +30,12 @@ pub enum Stream {
     Bus1Tx,
     Status,
     Recorder,
+    Mocap,
 }
 
 impl Stream {
     /// All of them; the index is the order within a tick.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Tick,
         Self::Bus0Rx,
         Self::Bus1Rx,
@@ -51,6 +52,7 @@ impl Stream {
         Self::Bus1Tx,
         Self::Status,
         Self::Recorder,
+        Self::Mocap,
     ];
 
     /// Frames received, by bus.
@@ -78,6 +80,7 @@ impl Stream {
             Self::Bus1Tx => "bus1/tx",
             Self::Status => "status",
             Self::Recorder => "recorder",
+            Self::Mocap => "mocap",
         }
     }
 
@@ -97,13 +100,20 @@ impl Stream {
             Self::Drives => &DriveCommands::SHAPE,
             Self::Status => &Status::SHAPE,
             Self::Recorder => &RecorderStatus::SHAPE,
+            Self::Mocap => &MocapSample::SHAPE,
         }
+    }
+
+    /// True for what does not travel with ticks: it stands beside them in a recording.
+    #[must_use]
+    pub const fn is_beside(self) -> bool {
+        matches!(self, Self::Recorder | Self::Mocap)
     }
 
     /// True for what a tick works out itself; the rest is its input.
     #[must_use]
     pub const fn is_output(self) -> bool {
-        !matches!(self, Self::Tick | Self::Bus0Rx | Self::Bus1Rx | Self::Imu | Self::Operator | Self::Recorder)
+        !matches!(self, Self::Tick | Self::Bus0Rx | Self::Bus1Rx | Self::Imu | Self::Operator) && !self.is_beside()
     }
 }
 
@@ -210,7 +220,7 @@ impl Assembly {
 
     /// Takes the next message.
     pub fn take(&mut self, stream: Stream, bytes: &[u8]) -> Assembled {
-        if stream == Stream::Recorder {
+        if stream.is_beside() {
             return Assembled::Pending;
         }
         if stream == Stream::Tick {
@@ -242,7 +252,7 @@ impl Assembly {
             Stream::Allowed => record.allowed = decode(bytes)?,
             Stream::Drives => record.drives = decode(bytes)?,
             Stream::Status => record.status = decode(bytes)?,
-            Stream::Tick | Stream::Recorder => {}
+            Stream::Tick | Stream::Recorder | Stream::Mocap => {}
         }
         Some(())
     }

@@ -1,21 +1,23 @@
-//! The IMU: gets its stream going, turns bytes into samples, and starts over when it falls silent.
+//! The IMU: gets its stream going, turns bytes into samples, and starts over when it falls silent. Two protocols, one
+//! promise: `gx3` (single bytes) and `mip` (packets); `stream` is what both have in common.
 //!
-//! ```text
-//!   Stop ─FA, 100 ms of silence→ Identify ─EA→ Configure ─DB→ Begin ─C4→ Streaming
-//!     ↑                             │ 300 ms       │            │           │ 500 ms without a message
-//!     └─────────────────────────────┴──────────────┴────────────┴───────────┘
-//! ```
 //! A sample's stamp is the device's clock mapped to ours, less the time that the message takes on the line. What the
 //! device itself needs from measuring to sending cannot be seen from here and is in the stamp.
 //! RT: yes, no allocation.
 
-use super::clock_fit::ClockFit;
-use super::imu_codec::{
-    DEFAULT_FLAGS, FLAG_ORIENTATION, Kind, MAX_RATE_HZ, Parser, Reply, Request, RequestBytes, Sampling, TICKS_PER_S,
-};
+mod gx3;
+mod mip;
+mod stream;
+
+use super::imu_codec::RequestBytes;
+use crate::base::bytes::Short;
 use crate::base::time::{Span, Stamp};
-use crate::config::checked::{Imu, ImuMessage};
-use crate::msg::{ImuBatch, ImuSample};
+use crate::config::checked::{Imu, ImuProtocol};
+use crate::msg::ImuBatch;
+use gx3::Gx3;
+use mip::Mip;
+
+pub use mip::DATA_BYTES as MIP_DATA_BYTES;
 
 /// After the stop request whatever still comes is thrown away for so long.
 const DRAIN: Span = Span::from_ms(100);
@@ -23,17 +25,6 @@ const DRAIN: Span = Span::from_ms(100);
 const ANSWER_TIMEOUT: Span = Span::from_ms(300);
 /// A stream without a message for so long is dead.
 const SILENCE: Span = Span::from_ms(500);
-/// Identity string with the model's name.
-const MODEL_NAME: u8 = 2;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
-    Stop { asked: Option<Stamp> },
-    Identify { asked: Option<Stamp> },
-    Configure { asked: Option<Stamp> },
-    Begin { asked: Option<Stamp> },
-    Streaming { heard: Stamp },
-}
 
 /// What went wrong or was seen since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -50,72 +41,54 @@ pub struct ImuCounters {
     pub refused: u32,
 }
 
+/// Time of so many bytes on the line.
+fn line_time(bytes: usize, baud: u32) -> Span {
+    Span(10 * 1_000_000_000 * i64::try_from(bytes).unwrap_or(0) / i64::from(baud.max(1)))
+}
+
 /// Reads one IMU.
 #[derive(Clone, Debug)]
-pub struct ImuReader {
-    kind: Kind,
-    sampling: Sampling,
-    ticks_per_sample: u32,
-    line_time: Span,
-    phase: Phase,
-    parser: Parser,
-    fit: ClockFit,
-    last_ticks: Option<u32>,
-    model: [u8; 16],
-    counters: ImuCounters,
+pub struct ImuReader(Talk);
+
+#[derive(Clone, Debug)]
+enum Talk {
+    Gx3(Gx3),
+    Mip(Mip),
+}
+
+/// The same question to whichever it is.
+macro_rules! ask {
+    ($self:ident, $talk:ident => $answer:expr) => {
+        match &$self.0 {
+            Talk::Gx3($talk) => $answer,
+            Talk::Mip($talk) => $answer,
+        }
+    };
 }
 
 impl ImuReader {
     /// For the configured message and rate; the sequence starts with the first [`Self::transmit`].
     #[must_use]
     pub fn new(imu: &Imu) -> Self {
-        let kind = match imu.message {
-            ImuMessage::AccelRate => Kind::AccelRate,
-            ImuMessage::EulerRate => Kind::EulerRate,
-        };
-        let decimation = u16::try_from(MAX_RATE_HZ / imu.rate_hz.max(1)).unwrap_or(u16::MAX).max(1);
-        let flags = if kind.needs_orientation() { DEFAULT_FLAGS } else { DEFAULT_FLAGS & !FLAG_ORIENTATION };
-        let bits = 10 * i64::try_from(kind.reply_bytes()).unwrap_or(0);
-        Self {
-            kind,
-            sampling: Sampling { decimation, flags, ..Sampling::default() },
-            ticks_per_sample: u32::from(decimation) * TICKS_PER_S / MAX_RATE_HZ,
-            line_time: Span(bits * 1_000_000_000 / i64::from(imu.baud.max(1))),
-            phase: Phase::Stop { asked: None },
-            parser: Parser::new(&[]),
-            fit: ClockFit::new(TICKS_PER_S),
-            last_ticks: None,
-            model: [0; 16],
-            counters: ImuCounters::default(),
-        }
+        Self(match imu.protocol {
+            ImuProtocol::Gx3 => Talk::Gx3(Gx3::new(imu)),
+            ImuProtocol::Mip => Talk::Mip(Mip::new(imu)),
+        })
     }
 
     /// The request that is due now, if any. To be called every few milliseconds.
     pub fn transmit(&mut self, now: Stamp) -> Option<RequestBytes> {
-        self.check_deadline(now);
-        let (asked, request) = match &mut self.phase {
-            Phase::Stop { asked } => (asked, Request::StopContinuous),
-            Phase::Identify { asked } => (asked, Request::Identity(MODEL_NAME)),
-            Phase::Configure { asked } => (asked, Request::SetSampling(self.sampling)),
-            Phase::Begin { asked } => (asked, Request::SetContinuous(self.kind)),
-            Phase::Streaming { .. } => return None,
-        };
-        if asked.is_some() {
-            return None;
+        match &mut self.0 {
+            Talk::Gx3(talk) => talk.transmit(now),
+            Talk::Mip(talk) => talk.transmit(now).map(|request| Short::new(request.as_slice())),
         }
-        *asked = Some(now);
-        if request == Request::StopContinuous {
-            self.counters.starts = self.counters.starts.saturating_add(1);
-        }
-        Some(request.emit())
     }
 
     /// Takes bytes that arrived at `now`; adds the samples in them to the batch.
     pub fn receive(&mut self, now: Stamp, bytes: &[u8], batch: &mut ImuBatch) {
-        for byte in bytes {
-            if let Some(reply) = self.parser.push(*byte) {
-                self.take(now, &reply, batch);
-            }
+        match &mut self.0 {
+            Talk::Gx3(talk) => talk.receive(now, bytes, batch),
+            Talk::Mip(talk) => talk.receive(now, bytes, batch),
         }
         batch.dropped = batch.dropped.max(self.lost());
     }
@@ -123,238 +96,27 @@ impl ImuReader {
     /// Messages lost since the start: damaged, missing or not finite.
     #[must_use]
     pub fn lost(&self) -> u32 {
-        // A damaged message is also missing by the timer: not both.
-        let lost = self.counters.missing.max(self.parser.failures).saturating_add(self.counters.not_finite);
-        lost.saturating_add(self.counters.overtaken)
+        ask!(self, talk => talk.lost())
     }
 
     /// True while samples come.
     #[must_use]
     pub fn is_streaming(&self) -> bool {
-        matches!(self.phase, Phase::Streaming { .. })
+        ask!(self, talk => talk.is_streaming())
     }
 
     /// The model's name as the device tells it; zero bytes before.
     #[must_use]
-    pub const fn model(&self) -> &[u8; 16] {
-        &self.model
+    pub fn model(&self) -> &[u8; 16] {
+        ask!(self, talk => talk.model())
     }
 
     /// What went wrong or was seen since the start.
     #[must_use]
-    pub const fn counters(&self) -> &ImuCounters {
-        &self.counters
+    pub fn counters(&self) -> &ImuCounters {
+        ask!(self, talk => talk.counters())
     }
-
-    fn check_deadline(&mut self, now: Stamp) {
-        match self.phase {
-            Phase::Stop { asked: Some(at) } if now.since(at) > DRAIN => {
-                self.parser.look_for(&[Kind::Identity]);
-                self.phase = Phase::Identify { asked: None };
-            }
-            Phase::Identify { asked: Some(at) }
-            | Phase::Configure { asked: Some(at) }
-            | Phase::Begin { asked: Some(at) }
-                if now.since(at) > ANSWER_TIMEOUT =>
-            {
-                self.start_over();
-            }
-            Phase::Streaming { heard } if now.since(heard) > SILENCE => self.start_over(),
-            _ => {}
-        }
-    }
-
-    fn start_over(&mut self) {
-        self.phase = Phase::Stop { asked: None };
-        self.parser.look_for(&[]);
-        self.fit = ClockFit::new(TICKS_PER_S);
-        self.last_ticks = None;
-    }
-
-    fn take(&mut self, now: Stamp, reply: &Reply, batch: &mut ImuBatch) {
-        match (self.phase, reply) {
-            (Phase::Identify { .. }, Reply::Identity { text, .. }) => {
-                self.model = *text;
-                self.parser.look_for(&[Kind::Sampling]);
-                self.phase = Phase::Configure { asked: None };
-            }
-            (Phase::Configure { .. }, Reply::Sampling(kept)) if *kept == self.sampling => {
-                self.parser.look_for(&[Kind::SetContinuous]);
-                self.phase = Phase::Begin { asked: None };
-            }
-            (Phase::Configure { .. }, Reply::Sampling(_)) => {
-                self.counters.refused = self.counters.refused.saturating_add(1);
-            }
-            (Phase::Begin { .. }, Reply::SetContinuous { kind, .. }) if *kind == self.kind as u8 => {
-                self.parser.look_for(&[self.kind]);
-                self.phase = Phase::Streaming { heard: now };
-            }
-            (Phase::Streaming { .. }, reply) => {
-                self.phase = Phase::Streaming { heard: now };
-                self.take_measurement(now, reply, batch);
-            }
-            _ => {}
-        }
-    }
-
-    fn take_measurement(&mut self, now: Stamp, reply: &Reply, batch: &mut ImuBatch) {
-        let mut sample = match *reply {
-            Reply::AccelRate { accel_g, rate_rad_s, ticks } => ImuSample {
-                device_ticks: ticks,
-                accel_g: accel_g.map(f64::from),
-                rate_rad_s: rate_rad_s.map(f64::from),
-                ..ImuSample::default()
-            },
-            Reply::EulerRate { euler_rad, rate_rad_s, ticks } => ImuSample {
-                device_ticks: ticks,
-                has_attitude: true,
-                euler_rad: euler_rad.map(f64::from),
-                rate_rad_s: rate_rad_s.map(f64::from),
-                ..ImuSample::default()
-            },
-            _ => return,
-        };
-        self.count_missing(sample.device_ticks);
-        sample.stamp = self.fit.map(sample.device_ticks, now) - self.line_time;
-        if is_finite(&sample) {
-            let overtaken = u32::from(!batch.push_newest(sample));
-            self.counters.overtaken = self.counters.overtaken.saturating_add(overtaken);
-        } else {
-            self.counters.not_finite = self.counters.not_finite.saturating_add(1);
-        }
-    }
-
-    /// A step of the timer by several samples' worth: the ones between are lost.
-    fn count_missing(&mut self, ticks: u32) {
-        if let Some(last) = self.last_ticks.replace(ticks) {
-            let step = ticks.wrapping_sub(last);
-            // A timer that steps back gives nearly the largest number.
-            let samples =
-                step.saturating_add(self.ticks_per_sample / 2).checked_div(self.ticks_per_sample).unwrap_or(1);
-            // Beyond ten seconds the device was restarted.
-            if step < 10 * TICKS_PER_S {
-                self.counters.missing = self.counters.missing.saturating_add(samples.saturating_sub(1));
-            }
-        }
-    }
-}
-
-fn is_finite(sample: &ImuSample) -> bool {
-    sample.euler_rad.iter().chain(&sample.rate_rad_s).chain(&sample.accel_g).all(|x| x.is_finite())
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::config;
-
-    fn reader() -> ImuReader {
-        ImuReader::new(&config::load(None, &[]).unwrap().config.robot.imu)
-    }
-
-    fn at_ms(ms: i64) -> Stamp {
-        Stamp(ms * 1_000_000)
-    }
-
-    /// A reader whose device answered as it should; streaming from 150 ms on.
-    fn streaming() -> (ImuReader, ImuBatch) {
-        let mut reader = reader();
-        let mut batch = ImuBatch::default();
-        assert_eq!(reader.transmit(at_ms(0)).unwrap().as_slice(), Request::StopContinuous.emit().as_slice());
-        reader.receive(at_ms(50), &[0xCF; 40], &mut batch);
-        assert!(reader.transmit(at_ms(120)).is_some());
-        let identity = Reply::Identity { selector: MODEL_NAME, text: *b"      3DM-GX3-25" };
-        reader.receive(at_ms(130), identity.emit().as_slice(), &mut batch);
-        assert!(reader.transmit(at_ms(131)).is_some());
-        reader.receive(at_ms(140), Reply::Sampling(reader.sampling).emit().as_slice(), &mut batch);
-        assert!(reader.transmit(at_ms(141)).is_some());
-        let set = Reply::SetContinuous { kind: reader.kind as u8, ticks: 0 };
-        reader.receive(at_ms(150), set.emit().as_slice(), &mut batch);
-        assert!(reader.is_streaming());
-        (reader, batch)
-    }
-
-    fn message(ticks: u32, pitch: f32) -> Vec<u8> {
-        let reply = Reply::EulerRate { euler_rad: [0.0, pitch, 0.0], rate_rad_s: [0.0; 3], ticks };
-        reply.emit().as_slice().to_vec()
-    }
-
-    #[test]
-    fn start_up_goes_stop_identify_configure_begin() {
-        let (reader, batch) = streaming();
-        assert_eq!(batch.count, 0);
-        assert_eq!(reader.model(), b"      3DM-GX3-25");
-        assert_eq!(reader.counters().starts, 1);
-    }
-
-    #[test]
-    fn a_device_that_does_not_answer_is_asked_again_from_the_start() {
-        let mut reader = reader();
-        for ms in 0..2000 {
-            reader.transmit(at_ms(ms));
-        }
-        assert!(reader.counters().starts >= 4, "{:?}", reader.counters());
-    }
-
-    #[test]
-    fn a_silent_stream_starts_over() {
-        let (mut reader, mut batch) = streaming();
-        reader.receive(at_ms(200), &message(100, 0.0), &mut batch);
-        assert_eq!(reader.transmit(at_ms(600)), None);
-        assert!(reader.transmit(at_ms(701)).is_some());
-        assert!(!reader.is_streaming());
-    }
-
-    #[test]
-    fn a_gap_in_the_device_timer_counts_as_lost_messages() {
-        let (mut reader, mut batch) = streaming();
-        let step = reader.ticks_per_sample;
-        for k in [0, 1, 2, 5, 6] {
-            let arrival = at_ms(200) + Span::from_us(i64::from(k) * i64::from(step) * 16);
-            reader.receive(arrival, &message(k * step, 0.1), &mut batch);
-        }
-        assert_eq!(batch.count, 5);
-        assert_eq!(batch.dropped, 2);
-    }
-
-    #[test]
-    fn a_number_that_is_not_finite_is_lost_not_delivered() {
-        let (mut reader, mut batch) = streaming();
-        reader.receive(at_ms(200), &message(1, f32::NAN), &mut batch);
-        assert_eq!((batch.count, batch.dropped), (0, 1));
-    }
-
-    #[test]
-    fn samples_of_a_burst_keep_their_own_times() {
-        let (mut reader, mut batch) = streaming();
-        let step = reader.ticks_per_sample;
-        reader.receive(at_ms(200), &message(0, 0.0), &mut batch);
-        let burst = [message(step, 0.1), message(2 * step, 0.2), message(3 * step, 0.3)].concat();
-        let arrival = at_ms(200) + Span::from_us(3 * i64::from(step) * 16);
-        reader.receive(arrival, &burst, &mut batch);
-        let stamps: Vec<i64> = batch.as_slice().iter().map(|s| s.stamp.0).collect();
-        let expected = i64::from(step) * 16_000;
-        for pair in stamps.windows(2) {
-            assert!((pair[1] - pair[0] - expected).abs() < 1_000, "{stamps:?}");
-        }
-    }
-
-    #[test]
-    fn of_more_samples_than_a_tick_takes_the_newest_are_left_and_the_others_counted() {
-        let (mut reader, mut batch) = streaming();
-        let step = reader.ticks_per_sample;
-        let burst: Vec<u8> = (0..12).flat_map(|k| message(k * step, 0.01 * k as f32)).collect();
-        reader.receive(at_ms(300), &burst, &mut batch);
-        assert_eq!((batch.count, batch.dropped), (8, 4));
-        let ticks: Vec<u32> = batch.as_slice().iter().map(|s| s.device_ticks / step).collect();
-        assert_eq!(ticks, [4, 5, 6, 7, 8, 9, 10, 11]);
-    }
-
-    #[test]
-    fn a_timer_that_steps_back_by_less_than_half_a_sample_is_no_overflow() {
-        let (mut reader, mut batch) = streaming();
-        reader.receive(at_ms(200), &message(1_000, 0.0), &mut batch);
-        reader.receive(at_ms(201), &message(999, 0.0), &mut batch);
-        assert_eq!((batch.count, batch.dropped), (2, 0));
-    }
-}
+mod tests;

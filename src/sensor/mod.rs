@@ -3,9 +3,11 @@
 //! | file | what |
 //! |---|---|
 //! | [`imu_codec`] | 3DM-GX3 single-byte protocol as pure functions on bytes, both ends |
+//! | [`mip`] | MicroStrain MIP the same way |
 //! | [`clock_fit`] | the device's clock mapped to ours |
 //! | [`imu`] | start-up of the stream, bytes to samples |
-//! | [`operator`] | the dead-man switch: simulated, or a UNIX socket |
+//! | [`operator`] | the dead-man switch: simulated, a UNIX socket, an input device, a network |
+//! | [`mocap`], [`natnet`], [`vicon`] | ground truth of motion capture, for recordings |
 //! | [`serial`] | the serial line, which never waits |
 //!
 //! RT: yes, but opening a line is for before arming.
@@ -23,5 +25,9 @@
 pub mod clock_fit;
 pub mod imu;
 pub mod imu_codec;
+pub mod mip;
+pub mod mocap;
+pub mod natnet;
 pub mod operator;
 pub mod serial;
+pub mod vicon;

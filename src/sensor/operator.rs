@@ -1,14 +1,19 @@
 //! The operator's hand on the dead-man switch.
 //!
 //! A hand says how it is whenever it is asked, with the time at which it was last heard of. The reader judges the age:
-//! silence is neither "held" nor "released". [`socket`] hears a person's, [`SimulatedHand`] is a program that does what a
-//! person would. RT: [`Hand::poll`] never waits and does not allocate.
+//! silence is neither "held" nor "released". [`socket`] hears a person's on this computer, `device` looks at a key of an
+//! input device, [`remote`] hears one behind a network; [`SimulatedHand`] is a program that does what a person would. RT: [`Hand::poll`] never waits and does not allocate.
 
+pub mod aside;
+mod device;
+pub mod evdev;
+pub mod remote;
 pub mod socket;
 
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::{Config, Operator};
 use crate::msg::{FaultCode, Mode, OperatorSample, Status};
+use aside::AsideHand;
 use socket::{Refusals, SocketHand};
 use std::io;
 use std::path::Path;
@@ -32,28 +37,38 @@ pub enum Hand {
     Simulated(SimulatedHand),
     /// Somebody at the other end of a socket.
     Socket(SocketHand),
+    /// A key of an input device.
+    Device(AsideHand),
+    /// Somebody behind a network, and what was refused there.
+    Remote(AsideHand, Arc<remote::Refused>),
 }
 
 impl Hand {
     /// The hand of this configuration.
     ///
     /// # Errors
-    /// When the socket cannot be made.
+    /// When the socket cannot be made, the device is not there, or the secret cannot be read.
     pub fn open(config: &Config) -> io::Result<Self> {
         Ok(match &config.robot.operator {
             Operator::Simulated => Self::Simulated(SimulatedHand::new(config)),
             Operator::Socket(path) => {
                 Self::Socket(SocketHand::bind(Path::new(path), config.robot.limits.operator_age)?)
             }
+            Operator::Device(at) => Self::Device(device::open(at)?),
+            Operator::Remote(at) => {
+                let (hand, refused) = remote::open(at, config.robot.limits.operator_age)?;
+                Self::Remote(hand, refused)
+            }
         })
     }
 
-    /// Senders that were refused, for those who tell the person; none where the hand is simulated.
+    /// What was refused, for those who tell the person.
     #[must_use]
-    pub fn refusals(&self) -> Option<Arc<Refusals>> {
+    pub fn refused(&self) -> Refused {
         match self {
-            Self::Simulated(_) => None,
-            Self::Socket(hand) => Some(hand.refusals()),
+            Self::Simulated(_) | Self::Device(_) => Refused::Nothing,
+            Self::Socket(hand) => Refused::Senders(hand.refusals()),
+            Self::Remote(_, refused) => Refused::Datagrams(Arc::clone(refused)),
         }
     }
 
@@ -62,8 +77,20 @@ impl Hand {
         match self {
             Self::Simulated(hand) => hand.poll(now, seen),
             Self::Socket(hand) => hand.poll(now),
+            Self::Device(hand) | Self::Remote(hand, _) => hand.poll(now, seen),
         }
     }
+}
+
+/// What a hand's source refuses, counted while it runs.
+#[derive(Clone, Debug)]
+pub enum Refused {
+    /// It refuses nothing.
+    Nothing,
+    /// Other processes at the socket.
+    Senders(Arc<Refusals>),
+    /// Datagrams of a network.
+    Datagrams(Arc<remote::Refused>),
 }
 
 /// A person who does what the robot needs: confirms the hip's zero (the legs stand as `sim.initial_angle_rad` says), holds

@@ -1,16 +1,19 @@
-//! A simulated 3DM-GX3-25 on its serial line: the device's own errors, rates, timer and bytes.
+//! A simulated IMU on its serial line, a 3DM-GX3-25 or one that speaks MIP: its own errors, rates, timer and bytes.
 //!
 //! Errors (thesis 2.1.2 and the data sheet it quotes): a static error drawn once, an error in motion that grows with
 //! the rate, drift, and an attitude that lags. The rate and acceleration carry noise only. What the device refuses,
 //! this one refuses: orientation above 500 Hz, anything above 1000 Hz. RT: no.
 
+mod mip;
+
 use crate::base::time::{Span, Stamp};
-use crate::config::checked::{Imu, ImuErrors};
+use crate::config::checked::{Imu, ImuErrors, ImuProtocol};
 use crate::config::fault::{FaultName, Injection};
 use crate::sensor::imu_codec::{
     FLAG_ORIENTATION, Found, Kind, MAX_ORIENTATION_HZ, MAX_RATE_HZ, MAX_REQUEST, Reply, Request, STANDARD_GRAVITY_M_S2,
     Sampling, TICKS_PER_S,
 };
+use crate::sensor::mip::Parser;
 use crate::sim::Reading;
 use crate::sim::noise::Noise;
 use std::collections::VecDeque;
@@ -38,7 +41,11 @@ pub struct SimImu {
     sampling: Sampling,
     streams: Option<Kind>,
     next: Stamp,
+    protocol: ImuProtocol,
     heard: Vec<u8>,
+    packets: Parser,
+    /// What the host wants streamed, in MIP.
+    format: Option<Kind>,
     /// Messages with the time at which their last byte arrives.
     line: VecDeque<(Stamp, Vec<u8>)>,
     line_busy_until: Stamp,
@@ -100,7 +107,10 @@ impl SimImu {
             sampling: Sampling::default(),
             streams: None,
             next: Stamp::default(),
+            protocol: imu.protocol,
             heard: Vec::new(),
+            packets: Parser::default(),
+            format: None,
             line: VecDeque::new(),
             line_busy_until: Stamp::default(),
             thrown_away: 0,
@@ -171,14 +181,20 @@ impl SimImu {
         if self.trouble.stalled {
             return;
         }
-        let ready = now + Span::from_s(self.errors.latency_s);
-        self.send(ready, &message, true);
+        let bytes = match self.protocol {
+            ImuProtocol::Gx3 => message.emit().as_slice().to_vec(),
+            ImuProtocol::Mip => mip::data(&message, now),
+        };
+        self.send_bytes(now + Span::from_s(self.errors.latency_s), bytes, true);
     }
 
     /// Bytes from the host.
     pub fn hear(&mut self, now: Stamp, bytes: &[u8], reading: &Reading) {
         if self.trouble.unplugged || self.trouble.wrong_baud {
             return;
+        }
+        if self.protocol == ImuProtocol::Mip {
+            return self.hear_packets(now, bytes);
         }
         self.heard.extend_from_slice(bytes);
         loop {
@@ -192,6 +208,26 @@ impl SimImu {
                     self.heard.remove(0);
                 }
             }
+        }
+    }
+
+    fn hear_packets(&mut self, now: Stamp, bytes: &[u8]) {
+        let mut orders = Vec::new();
+        let formatted = self.format.is_some();
+        for byte in bytes {
+            self.packets.push(*byte, |packet| orders.push(mip::obey(packet, formatted)));
+        }
+        for (order, answer) in orders {
+            match order {
+                mip::Order::Nothing => {}
+                mip::Order::Stop => self.streams = None,
+                mip::Order::Format(kind, decimation) => {
+                    self.format = Some(kind);
+                    self.sampling.decimation = decimation;
+                }
+                mip::Order::Stream => (self.streams, self.next) = (self.format, now),
+            }
+            self.send_bytes(now, answer, false);
         }
     }
 
@@ -262,13 +298,16 @@ impl SimImu {
         !kind.needs_orientation() || (orientation && rate_hz <= MAX_ORIENTATION_HZ)
     }
 
-    /// Puts a message on the line; `arrives_at_once`: `ready` is when the last byte is there, unless the line is busy.
     fn send(&mut self, ready: Stamp, message: &Reply, arrives_at_once: bool) {
+        self.send_bytes(ready, message.emit().as_slice().to_vec(), arrives_at_once);
+    }
+
+    /// Puts a message on the line; `arrives_at_once`: `ready` is when the last byte is there, unless the line is busy.
+    fn send_bytes(&mut self, ready: Stamp, bytes: Vec<u8>, arrives_at_once: bool) {
         if self.line.len() >= LINE_QUEUE {
             self.thrown_away += 1;
             return;
         }
-        let bytes = message.emit().as_slice().to_vec();
         let takes = Span(self.byte_time.0 * i64::try_from(bytes.len()).unwrap_or(0));
         let start = if arrives_at_once { ready - takes } else { ready };
         let end = start.max(self.line_busy_until) + takes;
@@ -413,6 +452,30 @@ mod tests {
         let in_a_second = samples.iter().filter(|(at, _)| at.as_s() >= 0.2).count();
         assert!((495..=505).contains(&in_a_second), "{in_a_second}");
         assert!(samples.iter().all(|(_, s)| s.has_attitude && (s.euler_rad[1] - 0.1).abs() < 1e-6));
+    }
+
+    #[test]
+    fn a_device_that_speaks_mip_brings_the_same_samples() {
+        for (message, rate_hz) in [(ImuMessage::EulerRate, 500), (ImuMessage::AccelRate, 1000)] {
+            let settings = Imu { protocol: ImuProtocol::Mip, ..settings(message, rate_hz) };
+            let samples = run(&settings, &quiet(), 1300, |t| Reading {
+                leg_angle_rad: [0.1, 0.0],
+                leg_rate_rad_s: [t, 0.0],
+                ..Reading::default()
+            });
+            let in_a_second = samples.iter().filter(|(at, _)| at.as_s() >= 0.3).count();
+            assert!(in_a_second.abs_diff(rate_hz as usize) <= 5, "{in_a_second}");
+            let attitude = |s: &crate::msg::ImuSample| match message {
+                ImuMessage::EulerRate => s.euler_rad[1],
+                ImuMessage::AccelRate => libm::atan2(s.accel_g[0], -s.accel_g[2]),
+            };
+            assert!(samples.iter().all(|(_, s)| (attitude(s) - 0.1).abs() < 1e-6));
+            // 2 ms latency less 521 us on the line, polled every 250 us, less 1 us of rounding.
+            for (_, sample) in &samples[20..] {
+                let late = sample.stamp.as_s() - sample.rate_rad_s[1];
+                assert!((0.00147..0.00175).contains(&late), "{late}");
+            }
+        }
     }
 
     #[test]

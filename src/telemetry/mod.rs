@@ -25,6 +25,11 @@ pub trait Feed {
     fn side(&mut self) -> Side {
         Side::default()
     }
+
+    /// What the key `q` does, as it stands on the screen.
+    fn quit_means(&self) -> &'static str {
+        "q: quit"
+    }
 }
 
 /// What does not travel with the ticks.
@@ -58,6 +63,7 @@ const REDRAWS_HZ: u32 = 20;
 /// When the terminal or stdout cannot be written.
 pub fn run(config: &Config, feed: &mut dyn Feed, stop: &AtomicBool) -> io::Result<()> {
     let mut state = State::new(config)?;
+    state.quit_means = feed.quit_means();
     if io::stdout().is_terminal() && io::stdin().is_terminal() {
         let mut screen = terminal::Screen::open()?;
         while follow(&mut state, feed, Duration::ZERO) && !stop.load(Ordering::Relaxed) {

@@ -282,7 +282,7 @@ fn recorder_line(state: &State) -> Line<'static> {
 }
 
 fn draw_events(frame: &mut Frame<'_>, area: Rect, state: &State) {
-    let block = block(" events ").title_bottom(" q: stop and quit ");
+    let block = block(" events ").title_bottom(format!(" {} ", state.quit_means));
     let rows = usize::from(block.inner(area).height);
     let newest = state.events.iter().rev().take(rows);
     let lines: Vec<Line<'_>> = newest
@@ -332,7 +332,7 @@ mod tests {
     fn everything_that_matters_is_on_a_screen_of_80_by_24() {
         let text = screen(&state(), 80, 24);
         for word in
-            ["FAULT", "inner", "-12.00 Nm", "+2.865°", "Unknown", "bus 1", "wake-up", "25.0", "TiltLimit", "q: stop"]
+            ["FAULT", "inner", "-12.00 Nm", "+2.865°", "Unknown", "bus 1", "wake-up", "25.0", "TiltLimit", "q: quit"]
         {
             assert!(text.contains(word), "`{word}` is not on the screen:\n{text}");
         }

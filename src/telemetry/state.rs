@@ -30,6 +30,7 @@ pub(super) struct State {
     /// Ticks that the view itself did not get.
     pub(super) missed: u64,
     pub(super) side: Side,
+    pub(super) quit_means: &'static str,
     pub(super) frames: [FrameRates; BUSES],
     news: Vec<String>,
     history_due: Stamp,
@@ -75,6 +76,7 @@ impl State {
             events: VecDeque::with_capacity(EVENTS),
             missed: 0,
             side: Side::default(),
+            quit_means: "q: quit",
             frames: [FrameRates::default(); BUSES],
             news: Vec::new(),
             history_due: Stamp(0),

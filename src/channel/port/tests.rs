@@ -40,6 +40,24 @@ fn a_slow_reader_loses_the_oldest_and_knows_how_many() {
 }
 
 #[test]
+fn who_reads_along_finds_the_robot_and_sees_it_go() {
+    let robot = robot("listen");
+    let channels = Endpoint::join(&robot).unwrap();
+    assert!(channels.listener(&topic::OPERATOR).is_err(), "nobody is there, and none is made");
+    assert!(!robots_with(&topic::OPERATOR).unwrap().robots.contains(&robot));
+    let mut out = channels.publisher(&topic::OPERATOR).unwrap();
+    assert!(robots_with(&topic::OPERATOR).unwrap().robots.contains(&robot));
+    let other = topic::Topic::<crate::msg::ImuSample>::new(topic::OPERATOR.name(), 8, 4);
+    assert!(robots_with(&other).unwrap().other_builds.contains(&robot), "and another build is told from ours");
+    let mut inlet = channels.listener(&topic::OPERATOR).unwrap();
+    out.publish(&sample(3));
+    assert_eq!(inlet.receive().map(|sample| sample.sequence), Some(3));
+    assert!(inlet.has_publisher());
+    drop(out);
+    assert!(!inlet.has_publisher());
+}
+
+#[test]
 fn a_changed_type_meets_nobody() {
     let robot = robot("retype");
     let channels = Endpoint::join(&robot).unwrap();

@@ -2,9 +2,12 @@
 
 use super::{Finding, Verdict};
 use crate::bus::socketcan::link_report;
-use crate::config::checked::{BusBackend, Config, SerialBackend, Thread};
+use crate::cli::imu_probe;
+use crate::config::checked::{BusBackend, Config, Imu, Operator, SerialBackend, Thread};
 use crate::record::storage;
 use crate::rt::thread::{self, Awake, Missing};
+use crate::sensor::operator::evdev::InputDevice;
+use crate::sensor::operator::remote::read_secret;
 use std::fs;
 use std::path::Path;
 
@@ -32,8 +35,44 @@ pub(super) fn all(config: &Config, record: &Path) -> Vec<Finding> {
     }
     if let SerialBackend::Device(path) = &config.robot.imu.backend {
         findings.push(serial(path));
+        findings.push(imu_answer(path, &config.robot.imu));
     }
+    findings.extend(operator(&config.robot.operator));
     findings
+}
+
+/// At which rate the IMU answers, if nobody else has its line.
+fn imu_answer(path: &str, imu: &Imu) -> Finding {
+    let what = format!("IMU: {path}");
+    let Some(answers) = imu_probe::find(path, imu) else {
+        let remedy = "power, cable, or another process has the line (a running robot); no rate and no protocol of ours";
+        return Finding::new(Verdict::Warn, &what, "does not answer", remedy);
+    };
+    match imu_probe::complaint(imu, answers) {
+        None => Finding::new(Verdict::Good, &what, format!("answers at {} bit/s", answers.0), ""),
+        Some(found) => Finding::new(Verdict::Bad, &what, found, "write what it answers into robot.toml"),
+    }
+}
+
+/// The dead-man's device or secret.
+fn operator(operator: &Operator) -> Option<Finding> {
+    let (what, result, remedy) = match operator {
+        Operator::Simulated | Operator::Socket(_) => return None,
+        Operator::Device(device) => (
+            format!("dead-man: {}", device.path),
+            InputDevice::with_key(Path::new(&device.path), device.key).map(drop),
+            "plug it in; name it by /dev/input/by-id; SupplementaryGroups=input and DeviceAllow=char-input r",
+        ),
+        Operator::Remote(remote) => (
+            format!("dead-man: {}", remote.listen),
+            read_secret(Path::new(&remote.secret_file)).map(drop),
+            "head -c 32 /dev/urandom | base64 > robot.operator.secret_file, chmod 640, the service's group",
+        ),
+    };
+    Some(match result {
+        Ok(()) => Finding::new(Verdict::Good, &what, "there", ""),
+        Err(error) => Finding::new(Verdict::Bad, &what, error.to_string(), remedy),
+    })
 }
 
 fn read(path: &str) -> Option<String> {

@@ -1,25 +1,21 @@
 //! The key that a hand holds: of an input device, or of a terminal. RT: no.
-#![expect(unsafe_code, reason = "the state of a key has no safe wrapper in our dependencies")]
 
+use crate::cli::UsageError;
+use crate::sensor::operator::evdev::InputDevice;
+use anyhow::Context;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 use ratatui::crossterm::terminal::{disable_raw_mode, enable_raw_mode};
-use std::fs::File;
-use std::io;
-use std::os::fd::AsRawFd;
+use std::io::{self, IsTerminal};
 use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// Between two heartbeats: five fit into the 100 ms after which silence is a fault.
-const HEARTBEAT: Duration = Duration::from_millis(20);
 /// Keys repeat 20 to 30 times a second; a longer gap is a hand that let go.
 const LONGEST_GAP: Duration = Duration::from_millis(100);
-/// Bytes of the kernel's bit field of keys: KEY_MAX is 0x2FF.
-const KEY_BYTES: usize = 96;
 
 /// What the person does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum KeyState {
+pub(in crate::cli) enum KeyState {
     /// The switch is held, or not.
     Switch(bool),
     /// Confirms the hip's zero.
@@ -29,34 +25,44 @@ pub(super) enum KeyState {
 }
 
 /// A key.
-pub(super) enum Key {
-    Device(File, u16),
+pub(in crate::cli) enum Key {
+    Device(InputDevice, u16),
     Terminal(Repeats),
 }
 
 impl Key {
     /// The key with this number of an input device.
-    pub(super) fn device(path: &Path, number: u16) -> anyhow::Result<Self> {
-        let device = File::open(path)?;
-        anyhow::ensure!(usize::from(number) < 8 * KEY_BYTES, "there is no key {number}");
-        is_down(&device, number)?;
+    pub(in crate::cli) fn device(path: &Path, number: u16) -> io::Result<Self> {
+        let device = InputDevice::with_key(path, number)?;
         Ok(Self::Device(device, number))
     }
 
     /// The space bar of the terminal, which is put into raw mode.
-    pub(super) fn terminal() -> io::Result<Self> {
+    fn terminal() -> io::Result<Self> {
         enable_raw_mode()?;
         Ok(Self::Terminal(Repeats::default()))
     }
 
-    /// Waits for one heartbeat, then says what the person does.
-    pub(super) fn wait(&mut self) -> io::Result<KeyState> {
+    /// The key that these arguments name: of a device, or of this terminal.
+    pub(in crate::cli) fn open(device: Option<&Path>, number: u16) -> anyhow::Result<Self> {
+        match device {
+            Some(path) => Self::device(path, number).with_context(|| format!("--device {}", path.display())),
+            None if io::stdin().is_terminal() => Ok(Self::terminal()?),
+            None => {
+                let what = "a dead-man switch wants a hand: stdin is no terminal. Run it in one, or name a --device";
+                Err(UsageError(what.into()).into())
+            }
+        }
+    }
+
+    /// Waits so long, then says what the person does.
+    pub(in crate::cli) fn wait(&mut self, pause: Duration) -> io::Result<KeyState> {
         match self {
             Self::Device(device, number) => {
-                sleep(HEARTBEAT);
-                is_down(device, *number).map(KeyState::Switch)
+                sleep(pause);
+                device.down([*number]).map(|[held]| KeyState::Switch(held))
             }
-            Self::Terminal(repeats) => wait_in_terminal(repeats),
+            Self::Terminal(repeats) => wait_in_terminal(repeats, pause),
         }
     }
 }
@@ -70,8 +76,8 @@ impl Drop for Key {
     }
 }
 
-fn wait_in_terminal(repeats: &mut Repeats) -> io::Result<KeyState> {
-    let end = Instant::now() + HEARTBEAT;
+fn wait_in_terminal(repeats: &mut Repeats, pause: Duration) -> io::Result<KeyState> {
+    let end = Instant::now() + pause;
     while event::poll(end.saturating_duration_since(Instant::now()))? {
         let Event::Key(key) = event::read()? else { continue };
         if key.kind == KeyEventKind::Release {
@@ -91,7 +97,7 @@ fn wait_in_terminal(repeats: &mut Repeats) -> io::Result<KeyState> {
 
 /// A key of a terminal: it is held while it repeats without a gap. The first stroke alone is no holding.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Repeats {
+pub(in crate::cli) struct Repeats {
     last: Option<Instant>,
     repeats: bool,
 }
@@ -105,18 +111,6 @@ impl Repeats {
     fn is_held(&self, now: Instant) -> bool {
         self.repeats && self.last.is_some_and(|last| now.duration_since(last) <= LONGEST_GAP)
     }
-}
-
-/// Asks the kernel whether the key is down now (EVIOCGKEY); an error when the device is gone or is none.
-fn is_down(device: &File, number: u16) -> io::Result<bool> {
-    let mut keys = [0_u8; KEY_BYTES];
-    // _IOC(_IOC_READ, 'E', 0x18, KEY_BYTES)
-    let request = 2 << 30 | (KEY_BYTES as libc::c_ulong) << 16 | 0x45 << 8 | 0x18;
-    // SAFETY: the call fills at most the bytes whose number is in the request.
-    if unsafe { libc::ioctl(device.as_raw_fd(), request, keys.as_mut_ptr()) } < 0 {
-        return Err(io::Error::last_os_error());
-    }
-    Ok(keys.get(usize::from(number / 8)).is_some_and(|byte| byte & (1 << (number % 8)) != 0))
 }
 
 #[cfg(test)]
@@ -140,11 +134,5 @@ mod tests {
         assert!(key.is_held(at(1_580)) && !key.is_held(at(1_600)), "let go: a gap of 100 ms");
         key.hear(at(1_700));
         assert!(!key.is_held(at(1_701)), "and a new stroke begins anew");
-    }
-
-    #[test]
-    fn what_is_no_input_device_is_refused() {
-        assert!(Key::device(Path::new("/dev/null"), 57).is_err());
-        assert!(Key::device(Path::new("/nowhere"), 57).is_err());
     }
 }

@@ -1,8 +1,9 @@
 //! Where ticks go: the recording, and the ticks around a fault. RT: no.
 
 use crate::config::Resolved;
-use crate::msg::{Fault, FaultCode, RecorderStatus, TickRecord};
+use crate::msg::{Fault, FaultCode, MocapSample, RecorderStatus, TickRecord};
 use crate::record::Recorder;
+use crate::record::live::Window;
 use crate::record::log_file::{Identity, LogFile};
 use crate::record::storage::{Folder, Shelf};
 use crate::rt::relay::Sinks;
@@ -43,15 +44,24 @@ impl Archive {
         Ok(Self { recorder: recorder.map(Arc::new), flight, notices })
     }
 
-    /// What the relay calls.
-    pub(super) fn sinks(&self) -> Sinks {
+    /// What the relay calls. `window`: who reads along from outside.
+    pub(super) fn sinks(&self, mut window: Option<Window>) -> Sinks {
         let recorder = self.recorder.clone();
         let each = move |record: &TickRecord| {
             if let Some(recorder) = &recorder {
                 recorder.push(record);
             }
+            if let Some(window) = &mut window {
+                window.serve(record);
+            }
         };
         Sinks { each: Box::new(each), dump: Box::new(self.flight.sink()) }
+    }
+
+    /// Where poses of motion capture go; nowhere without a recording.
+    pub(super) fn poses(&self) -> Option<impl FnMut(&MocapSample) + Send + 'static> {
+        let recorder = self.recorder.clone()?;
+        Some(move |pose: &MocapSample| recorder.push_pose(pose))
     }
 
     /// How the recording is.

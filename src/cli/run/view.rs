@@ -9,7 +9,7 @@ use crate::msg::{RecorderStatus, TickRecord};
 use crate::rt::process::{Progress, Running};
 use crate::rt::stop::Stop;
 use crate::rt::thread::Missing;
-use crate::sensor::operator::socket::Refusals;
+use crate::sensor::operator::Refused;
 use crate::telemetry::{self, Side, ThreadLine};
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -26,7 +26,7 @@ pub(super) struct Parts<'a> {
     pub(super) robot: &'a str,
     pub(super) running: &'a Running,
     pub(super) archive: &'a Arc<Archive>,
-    pub(super) refusals: Option<Arc<Refusals>>,
+    pub(super) refused: Refused,
     pub(super) stop: &'a Stop,
 }
 
@@ -48,8 +48,8 @@ impl View {
             archive: Arc::clone(parts.archive),
             threads: thread_lines(&config, missing),
             notices: notices(&config, &robot, missing),
-            refusals: parts.refusals.clone(),
-            refused: 0,
+            refused: parts.refused.clone(),
+            refused_told: 0,
         };
         let body = move || {
             if let Err(error) = show(&config, &robot, about, &stop) {
@@ -121,18 +121,36 @@ struct About {
     archive: Arc<Archive>,
     threads: Vec<ThreadLine>,
     notices: Vec<String>,
-    refusals: Option<Arc<Refusals>>,
-    refused: u32,
+    refused: Refused,
+    refused_told: u32,
 }
 
 impl About {
     /// A second hand on the switch, told when it begins and at every hundredth of its datagrams.
     fn tell_refusals(&mut self) {
-        let Some((count, process)) = self.refusals.as_ref().map(|refusals| refusals.newest()) else { return };
-        if count > 0 && (self.refused == 0 || count - self.refused >= 100) {
-            self.refused = count;
-            let line = format!("a second sender for the dead-man switch is refused: process {process}, {count} times");
-            self.notices.push(line);
+        let (count, text) = in_words(&self.refused);
+        if count > 0 && (self.refused_told == 0 || count - self.refused_told >= 100) {
+            self.refused_told = count;
+            self.notices.push(text);
+        }
+    }
+}
+
+/// How many things were refused so far, and what to tell a person of them.
+fn in_words(refused: &Refused) -> (u32, String) {
+    match refused {
+        Refused::Nothing => (0, String::new()),
+        Refused::Senders(refusals) => {
+            let (count, process) = refusals.newest();
+            (count, format!("a second sender for the dead-man switch is refused: process {process}, {count} times"))
+        }
+        Refused::Datagrams(refused) => {
+            let [malformed, forged, second] = refused.counts();
+            let text = format!(
+                "refused at the dead-man's port so far: {forged} datagrams not authentic, {malformed} malformed, \
+                 {second} of a second hand"
+            );
+            (malformed.saturating_add(forged).saturating_add(second), text)
         }
     }
 }
@@ -150,6 +168,10 @@ impl telemetry::Feed for Watched {
             each(&record);
         }
         more
+    }
+
+    fn quit_means(&self) -> &'static str {
+        "q: stop and quit"
     }
 
     fn side(&mut self) -> Side {

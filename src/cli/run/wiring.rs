@@ -6,6 +6,7 @@ use crate::base::time::Stamp;
 use crate::bus::loopback::{self, Loopback};
 use crate::bus::socketcan::master::MasterLock;
 use crate::bus::socketcan::{End, SocketCan, link_report};
+use crate::cli::imu_probe;
 use crate::config::checked::{BusBackend, BusConfig, Config, SerialBackend};
 use crate::msg::BUSES;
 use crate::rt::io::{ByteLine, ImuPort};
@@ -101,6 +102,11 @@ fn open_imu(config: &Config, pulse: &Arc<Pulse>) -> anyhow::Result<(Box<dyn Byte
             Ok((Box::new(MockLine { host, robot: Arc::clone(pulse) }), Some(device)))
         }
         SerialBackend::Device(path) => {
+            // A device that does not answer at all may get its power later.
+            let answers = imu_probe::find(path, &config.robot.imu);
+            if let Some(what) = answers.and_then(|answers| imu_probe::complaint(&config.robot.imu, answers)) {
+                anyhow::bail!("robot.imu.backend = {path}: {what}");
+            }
             let line = LastingLine::open(path, config.robot.imu.baud)
                 .with_context(|| format!("robot.imu.backend = {path}"))?;
             Ok((Box::new(RealLine(line)), None))

@@ -250,3 +250,34 @@ fn a_folder_with_a_cap_holds_the_newest_and_no_more() {
     assert_eq!(reader.ending(), Some(Ending::Whole));
     assert!(ticks.iter().all(|t| t.input.index < index) && status.dropped == 0);
 }
+
+#[test]
+fn poses_of_motion_capture_stand_beside_the_ticks_and_are_no_part_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let recorder = Recorder::start(folder.path(), &default_config()).unwrap();
+    let pose = |frame: u32| MocapSample {
+        stamp: Stamp(1_000_000 * i64::from(frame)),
+        frame,
+        tracked: true,
+        position_m: [0.5, -1.0, 2.0],
+        ..MocapSample::default()
+    };
+    for index in 0..20 {
+        recorder.push(&tick(index));
+        recorder.push_pose(&pose(u32::try_from(index).unwrap() + 1));
+    }
+    let path = recorder.path();
+    recorder.close();
+    assert_eq!(read_all(&path).0.len(), 20);
+    let mut poses = Vec::new();
+    Reader::open(&path)
+        .unwrap()
+        .messages(|message| {
+            if message.stream == crate::record::stream::Stream::Mocap {
+                poses.push(crate::record::cdr::decode::<MocapSample>(message.bytes).unwrap());
+            }
+            None::<()>
+        })
+        .unwrap();
+    assert_eq!(poses, (1..=20).map(pose).collect::<Vec<_>>());
+}

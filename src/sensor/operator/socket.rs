@@ -14,12 +14,11 @@
 #![expect(unsafe_code, reason = "recvmsg with control messages has no safe wrapper that neither waits nor allocates")]
 
 use crate::base::time::{Span, Stamp};
+use crate::channel::socket_file;
 use crate::msg::OperatorSample;
 use std::f64::consts::PI;
-use std::fs::{self, Permissions};
-use std::io::{self, ErrorKind};
+use std::io;
 use std::os::fd::{AsRawFd, RawFd};
-use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 use std::sync::Arc;
@@ -29,8 +28,6 @@ use std::sync::atomic::{AtomicI32, AtomicU32, Ordering};
 const MAX_DATAGRAMS: usize = 512;
 /// A sender that was silent for so long is gone, and another may come.
 const HANDOVER: Span = Span::from_ms(1000);
-/// User and group may write.
-const MODE: u32 = 0o660;
 
 /// Datagram: the switch is open.
 pub const OPEN: u8 = 0;
@@ -84,9 +81,9 @@ impl SocketHand {
     /// # Errors
     /// When the path cannot be bound, holds something else than a socket, or somebody listens there.
     pub fn bind(path: &Path, operator_age: Span) -> io::Result<Self> {
-        clear_the_way(path)?;
+        socket_file::clear_the_way(path, |path| Ok(UnixDatagram::unbound()?.connect(path).is_ok()))?;
         let socket = UnixDatagram::bind(path)?;
-        fs::set_permissions(path, Permissions::from_mode(MODE))?;
+        socket_file::open_to_the_group(path)?;
         socket.set_nonblocking(true)?;
         for option in [libc::SO_PASSCRED, libc::SO_TIMESTAMPNS] {
             switch_on(socket.as_raw_fd(), option)?;
@@ -142,22 +139,6 @@ impl SocketHand {
             self.newest.zero_angle_rad = angle_rad;
         }
     }
-}
-
-/// Takes away the socket of a dead process, and nothing else.
-fn clear_the_way(path: &Path) -> io::Result<()> {
-    match fs::symlink_metadata(path) {
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
-        Err(error) => return Err(error),
-        Ok(there) if !there.file_type().is_socket() => {
-            return Err(io::Error::new(ErrorKind::AlreadyExists, "there is something that is no socket; not removed"));
-        }
-        Ok(_) => {}
-    }
-    if UnixDatagram::unbound()?.connect(path).is_ok() {
-        return Err(io::Error::new(ErrorKind::AddrInUse, "another process listens there"));
-    }
-    fs::remove_file(path)
 }
 
 fn switch_on(fd: RawFd, option: libc::c_int) -> io::Result<()> {
@@ -234,7 +215,9 @@ fn wall_now_ns() -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::io::Write;
+    use std::fs;
+    use std::io::{ErrorKind, Write};
+    use std::os::unix::fs::PermissionsExt;
     use std::process::{Child, Command, Stdio};
 
     const AGE: Span = Span::from_ms(100);
