@@ -1,0 +1,215 @@
+//! What is fuzzed: one function per parser of outside bytes. Shared by the targets of cargo-fuzz (`fuzz_targets/`) and by
+//! `tests/fuzz.rs`, which feeds them seeded bytes and the kept regressions with the ordinary toolchain.
+//!
+//! A function takes any bytes, and must neither panic nor hang nor allocate out of proportion. What it checks beyond that
+//! are promises: what was not understood changes nothing, numbers that are not finite do not come out.
+
+use compass::base::time::{Span, Stamp};
+use compass::bus::line::Line;
+use compass::config;
+use compass::config::checked::{Config, Imu, ImuProtocol, Mocap, MocapSource};
+use compass::identify::experiment::Table;
+use compass::model::rig::Rig;
+use compass::msg::{BusFrame, BusHealth, CanFrame, DriveCommands, DriveFeedbacks, FrameBatch, ImuBatch, Status};
+use compass::record::live::{Block, Parser, tick_of};
+use compass::record::scan::Scan;
+use compass::record::stream::{Assembled, Assembly, Stream};
+use compass::sensor::imu::ImuReader;
+use compass::sensor::mocap::MocapReader;
+use compass::sensor::natnet::{self, Version};
+use compass::sensor::operator::remote::packet::Key;
+use compass::sensor::operator::remote::receiver::Receiver;
+use compass::sensor::operator::remote::sender::Sender;
+use compass::sensor::operator::socket::SocketHand;
+use compass::sensor::{mip, vicon};
+use std::cell::RefCell;
+use std::io::Cursor;
+use std::net::SocketAddr;
+use std::os::unix::net::UnixDatagram;
+
+/// A target: its name, what it does, and bytes to begin with.
+pub type Target = (&'static str, fn(&[u8]), &'static [&'static [u8]]);
+
+/// All of them.
+pub const TARGETS: &[Target] = &[
+    ("can_line", can_line, &[&[1, 0x83, 0x05, 8, 0x60, 0x17, 0x10, 0, 0, 0, 0, 0]]),
+    ("imu_gx3", imu_gx3, &[&[20, 0xFA, 0x75, 0xB4, 0xC4, 0xC2, 0, 0, 0xF4, 0x24, 2, 0x9E]]),
+    ("imu_mip", imu_mip, &[&[20, 0x75, 0x65, 0x0C, 4, 4, 0xF1, 8, 0, 0xE7, 0xBA]]),
+    ("assembly", assembly, &[&[0, 4, 0, 1, 0, 0]]),
+    ("mcap", mcap, &[b"\x89MCAP0\r\n\x01\x08\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0"]),
+    ("csv", csv, &[b"t_s,theta_rad\n0,1\n0.1,nan\n"]),
+    ("rig", rig, &[b"[mechanism]\nkind = \"pendulum\"\n"]),
+    ("config", config_text, &[b"robot.imu.rate_hz = 500\ncontrol.lqr_r = 0.1\n"]),
+    ("operator_socket", operator_socket, &[&[1], &[0], &[2, 0, 0, 0, 0, 0, 0, 0xD0, 0x3F]]),
+    ("remote", remote, &[b"CGR1\x01", b"CGR1\x03"]),
+    ("watch_socket", watch_socket, &[b"COMPASS1\0\0\0\0\0\0\0\0\x02\0\0\0ab\x05\0\0\0\0"]),
+    ("natnet", natnet_frame, &[b"\x07\0\x04\0\x01\0\0\0"]),
+    ("vicon", vicon_block, &[&[1, 0, 0, 0, 1, 0, 72, 0]]),
+];
+
+/// Cuts bytes into pieces with a time before each: a byte of milliseconds, then as many bytes as `piece` takes.
+fn timed<'a>(mut bytes: &'a [u8], piece: impl Fn(&[u8]) -> usize + 'a) -> impl Iterator<Item = (Span, &'a [u8])> + 'a {
+    std::iter::from_fn(move || {
+        let (wait, rest) = bytes.split_first()?;
+        let (taken, left) = rest.split_at(piece(rest).min(rest.len()));
+        bytes = left;
+        Some((Span::from_ms(i64::from(*wait)), taken))
+    })
+}
+
+/// Frames from drives that do as they please, over up to a minute, on the bus of three CANopen drives.
+pub fn can_line(bytes: &[u8]) {
+    thread_local!(static CONFIG: Config = config::load(None, &[]).unwrap().config);
+    let mut line = CONFIG.with(|config| Line::new(&config.robot, 0, &config.real_time).unwrap());
+    let mut now = Stamp(1_000_000_000);
+    // Identifier, length, data.
+    for (wait, frame) in timed(bytes, |rest| 3 + usize::from(rest.get(2).copied().unwrap_or(0) % 9)) {
+        now += Span(wait.0 + 1_000_000);
+        let mut received = FrameBatch::default();
+        if let [low, high, _, data @ ..] = frame {
+            let id = u32::from(*low) | u32::from(*high & 7) << 8 | u32::from(high >> 5) << 29;
+            received.push(BusFrame { stamp: now, frame: CanFrame::classic(id, data), own: high & 8 != 0 });
+        }
+        let mut feedbacks = DriveFeedbacks::default();
+        line.receive(now, now, &received, BusHealth::Active, &mut feedbacks);
+        let mut out = FrameBatch::default();
+        line.transmit(now, &DriveCommands::default(), &mut out);
+        assert_eq!(out.dropped, 0, "a cycle has room for what we send");
+    }
+}
+
+fn imu(bytes: &[u8], protocol: ImuProtocol) {
+    thread_local!(static IMU: Imu = config::load(None, &[]).unwrap().config.robot.imu);
+    let mut reader = IMU.with(|imu| ImuReader::new(&Imu { protocol, ..imu.clone() }));
+    let mut now = Stamp(1_000_000_000);
+    // Whatever was asked, 16 bytes come.
+    for (wait, piece) in timed(bytes, |_| 16) {
+        now += wait;
+        reader.transmit(now);
+        let mut batch = ImuBatch::default();
+        reader.receive(now, piece, &mut batch);
+        for sample in batch.as_slice() {
+            let numbers = sample.euler_rad.iter().chain(&sample.rate_rad_s).chain(&sample.accel_g);
+            assert!(numbers.clone().all(|x| x.is_finite()));
+        }
+    }
+}
+
+/// A serial line with a 3DM-GX3, or with anything.
+pub fn imu_gx3(bytes: &[u8]) {
+    imu(bytes, ImuProtocol::Gx3);
+}
+
+/// A serial line with a MIP device, or with anything.
+pub fn imu_mip(bytes: &[u8]) {
+    imu(bytes, ImuProtocol::Mip);
+    let mut parser = mip::Parser::default();
+    for byte in bytes {
+        parser.push(*byte, |packet| {
+            let _read = (packet.measurement(), packet.fields().count());
+        });
+    }
+}
+
+/// Messages of a recording: stream, length, bytes.
+pub fn assembly(mut bytes: &[u8]) {
+    let mut assembly = Assembly::default();
+    while let [stream, length, rest @ ..] = bytes {
+        let (message, left) = rest.split_at(usize::from(*length).min(rest.len()));
+        bytes = left;
+        let stream = Stream::ALL[usize::from(*stream) % Stream::ALL.len()];
+        // A whole tick of 4 kB is not made of chance; what is told is that it is not.
+        assert!(!matches!(assembly.take(stream, message), Assembled::Tick(_)) || bytes.len() > 1000);
+    }
+}
+
+/// A recording, whole or not.
+pub fn mcap(bytes: &[u8]) {
+    let Ok(Some(mut scan)) = Scan::new(Cursor::new(bytes)) else { return };
+    while let Ok(Some(_)) = scan.next_record() {}
+}
+
+/// A table of somebody else.
+pub fn csv(bytes: &[u8]) {
+    if let Ok(table) = Table::parse("fuzz.csv", bytes) {
+        assert!(table.names().len() <= bytes.len());
+    }
+}
+
+/// A model file.
+pub fn rig(bytes: &[u8]) {
+    drop(Rig::parse(&String::from_utf8_lossy(bytes), "fuzz.toml"));
+}
+
+/// The configuration of a recording, which may be damaged.
+pub fn config_text(bytes: &[u8]) {
+    drop(config::from_canonical(&String::from_utf8_lossy(bytes), &[]));
+}
+
+/// Datagrams at the dead-man's socket.
+pub fn operator_socket(bytes: &[u8]) {
+    thread_local!(static ENDS: RefCell<(SocketHand, UnixDatagram)> = {
+        let path = std::env::temp_dir().join(format!("compass-fuzz-{}-{:?}", std::process::id(), std::thread::current().id()));
+        let hand = SocketHand::bind(&path, Span::from_ms(100)).unwrap();
+        let sender = UnixDatagram::unbound().unwrap();
+        sender.connect(&path).unwrap();
+        // The socket lives on without its name.
+        std::fs::remove_file(&path).unwrap();
+        RefCell::new((hand, sender))
+    });
+    ENDS.with_borrow_mut(|(hand, sender)| {
+        sender.send(bytes).unwrap();
+        let sample = hand.poll(Stamp(1_000_000_000));
+        assert!(sample.zero_angle_rad.is_finite());
+        assert!(bytes != [0] || !sample.dead_man);
+    });
+}
+
+/// Datagrams at both ends of a remote hand. Without the secret nothing is answered and nothing changes.
+pub fn remote(bytes: &[u8]) {
+    let key = || Key::new(b"a secret of two ends").unwrap();
+    let mut receiver = Receiver::new(key(), Span::from_ms(100));
+    let from = SocketAddr::from(([127, 0, 0, 1], 1));
+    let now = Stamp(1_000_000_000);
+    assert!(receiver.take(now, from, bytes, || Some([7; 16])).is_none());
+    assert!(receiver.sample().sequence == 0 && receiver.view(now, &Status::default()).is_none());
+    assert!(!Sender::new(key(), [1; 16]).take(now, bytes));
+}
+
+/// What `compass watch` reads.
+pub fn watch_socket(bytes: &[u8]) {
+    let mut parser = Parser::default();
+    for piece in bytes.chunks(7) {
+        parser.push(piece);
+        while let Ok(Some(block)) = parser.take() {
+            if let Block::Tick(tick) = block {
+                drop(tick_of(&tick));
+            }
+        }
+    }
+}
+
+/// Datagrams of motion capture.
+pub fn natnet_frame(bytes: &[u8]) {
+    for version in [Version { major: 3, minor: 0 }, Version { major: 4, minor: 1 }] {
+        natnet::read(bytes, version, |_| ()).ok();
+    }
+    poses(bytes, MocapSource::NatNet { server: SocketAddr::from(([127, 0, 0, 1], 2)), body: 1 });
+}
+
+/// Blocks of motion capture.
+pub fn vicon_block(bytes: &[u8]) {
+    vicon::read(bytes, |object| assert!(object.position_m.iter().all(|x| x.is_finite())));
+    poses(bytes, MocapSource::Vicon { body: "robot".into() });
+}
+
+/// Datagrams of a source: the length of each, then its bytes.
+fn poses(bytes: &[u8], source: MocapSource) {
+    let mut reader = MocapReader::new(&Mocap { listen: SocketAddr::from(([127, 0, 0, 1], 1)), source });
+    reader.take(Stamp(1), bytes);
+    for (wait, datagram) in timed(bytes, |rest| rest.first().map_or(1, |n| usize::from(*n))) {
+        if let Some(pose) = reader.take(Stamp(1_000_000_000) + wait, datagram) {
+            assert!(!pose.tracked || pose.position_m.iter().all(|x| x.is_finite()));
+        }
+    }
+}
