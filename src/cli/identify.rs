@@ -1,7 +1,8 @@
 //! `compass identify CASE`: parameters by simulation error, and which of them the data determines. RT: no.
 
 use super::{Outcome, Run, progress, warn};
-use crate::diagnose::identification::{Identification, identify, with_offsets};
+use crate::diagnose::identification::{Identification, identify_with, with_offsets};
+use crate::diagnose::supposed::Supposed;
 use crate::identify::experiment::Experiment;
 use crate::report::page;
 use anyhow::Context;
@@ -14,21 +15,25 @@ use std::path::PathBuf;
 #[command(after_help = "\
 Examples:
   compass identify cases/real/emps
-  compass identify my_case --out fitted     model.toml and report.html in fitted/
+  compass identify my_case --out fitted     model.toml, identified.json and report.html in fitted/
+  compass identify my_case --add backlash@q1 --add actuator_lag      what a fit with these effects comes to
 
 Every number of rig.toml that has bounds is fitted, to all recordings with use = \"fit\" at once, together with the
-initial state of every window; the error is that of free runs. Nothing is added to the model: that is
-`compass diagnose`. The recordings with use = \"heldout\" are only predicted.
+initial state of every window; the error is that of free runs. Nothing is added to the model but what
+--add says; what is missing is found by `compass diagnose`. The recordings with use = \"heldout\" are only predicted.
 Exit codes: 0 fitted, 2 usage, 3 bad input.")]
 pub(crate) struct Args {
     /// Folder with rig.toml and its recordings
     case: PathBuf,
-    /// Folder for model.toml and report.html; made if it is not there
+    /// Folder for model.toml, identified.json and report.html; made if it is not there
     #[arg(long, value_name = "DIR", default_value = "identified")]
     out: PathBuf,
     /// Fit a zero offset of every angle as well (one for all recordings; for one each, write them into rig.toml)
     #[arg(long)]
     offsets: bool,
+    /// Fit this effect as well: EFFECT, EFFECT@AT or EFFECT@AT#ORDER; may be given several times
+    #[arg(long, value_name = "EFFECT")]
+    add: Vec<Supposed>,
 }
 
 impl Run for Args {
@@ -39,7 +44,7 @@ impl Run for Args {
         }
         warn::of_input(&experiment.recordings)?;
         let spinner = progress::spinner("fitting");
-        let done = identify(&experiment)?;
+        let done = identify_with(&experiment, &self.add)?;
         spinner.finish_and_clear();
         self.write(&done)?;
         tell(&done)?;
@@ -51,7 +56,13 @@ impl Run for Args {
 impl Args {
     fn write(&self, done: &Identification) -> anyhow::Result<()> {
         fs::create_dir_all(&self.out).with_context(|| self.out.display().to_string())?;
-        for (name, text) in [("model.toml", done.model.to_toml()), ("report.html", page::identification(&done.found))] {
+        let json = serde_json::to_string_pretty(&done.found.summary())?;
+        let files = [
+            ("model.toml", done.model.to_toml()),
+            ("identified.json", json),
+            ("report.html", page::identification(&done.found)),
+        ];
+        for (name, text) in files {
             let path = self.out.join(name);
             fs::write(&path, text).with_context(|| path.display().to_string())?;
         }

@@ -23,6 +23,7 @@ mod predict;
 pub mod progress;
 mod remote;
 mod replay;
+mod resplit;
 mod run;
 mod score;
 mod sim;

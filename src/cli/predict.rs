@@ -1,6 +1,7 @@
 //! `compass predict MODEL.toml [RECORDING.csv]`: free runs of a model, as the diagnosis contract defines them. RT: no.
 
 use super::{Outcome, Run, UsageError, warn};
+use crate::diagnose::spikes::clean;
 use crate::identify::experiment::{Recording, load_rig};
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
 use crate::model::rig::{RecordingEntry, Rig, Setup, Use};
@@ -21,7 +22,8 @@ Examples:
   compass predict answer/model.toml REC.mcap --setup inner_stance --window-s 0.5      a recording of the robot itself
 
 A free run follows the recorded inputs; only the initial state of each window is fitted. NRMSE: error over the
-standard deviation of the channel, pooled over the recordings of the same use.
+standard deviation of the channel, pooled over the recordings of the same use. Single samples that stick out like
+transmission errors are left out, as in the report of a diagnosis; stderr tells how many.
 Exit codes: 0 done, 2 usage, 3 bad input.")]
 pub(crate) struct Args {
     /// Model or rig file
@@ -56,8 +58,12 @@ impl Run for Args {
         for (index, path) in targets {
             let recording = Recording::load(&rig, index, &path)?;
             warn::of_input(std::slice::from_ref(&recording))?;
-            let pooled = self.pooled(&rig, &recording, &path);
-            let run = free_run(&rig, &recording, &pooled)?;
+            // As the report has it: compared without transmission errors, which no model explains.
+            let (same_use, _) = clean(&rig, self.of_same_use(&rig, &recording, &path));
+            let compared = same_use.iter().find(|r| r.index == recording.index).unwrap_or(&recording);
+            left_out(&recording, compared)?;
+            let pooled = Pooled::of(&rig, same_use.iter());
+            let run = free_run(&rig, compared, &pooled)?;
             for (sensor, (error, std)) in rig.sensors.iter().zip(run.nrmse.iter().zip(&pooled.std)) {
                 let usage = if recording.usage == Use::Fit { "fit" } else { "heldout" };
                 let text = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.5}"));
@@ -123,15 +129,16 @@ impl Args {
         })
     }
 
-    /// Spread over the recordings of the same use that lie beside this one.
-    fn pooled(&self, rig: &Rig, recording: &Recording, path: &Path) -> Pooled {
+    /// This recording, and those of the same use that lie beside it: channels are weighed by their spread over all.
+    fn of_same_use(&self, rig: &Rig, recording: &Recording, path: &Path) -> Vec<Recording> {
         let folder = path.parent().unwrap_or(Path::new("."));
         let same =
             rig.recordings.iter().enumerate().filter(|(i, r)| r.usage == recording.usage && *i != recording.index);
         let mut all: Vec<Recording> =
             same.filter_map(|(i, r)| Recording::load(rig, i, &folder.join(&r.file)).ok()).collect();
         all.push(recording.clone());
-        Pooled::of(rig, all.iter())
+        all.sort_by_key(|r| r.index);
+        all
     }
 
     /// The prediction as CSV, and a plot of measured against simulated beside it.
@@ -151,6 +158,20 @@ impl Args {
         let plot = file.with_extension("svg");
         fs::write(&plot, comparison(&recording.times, &channels)).with_context(|| plot.display().to_string())
     }
+}
+
+/// Says how many samples the comparison leaves out.
+fn left_out(recording: &Recording, compared: &Recording) -> io::Result<()> {
+    let samples = |r: &Recording| r.measured.iter().flatten().filter(|y| y.is_finite()).count();
+    let count = samples(recording) - samples(compared);
+    if count > 0 {
+        writeln!(
+            io::stderr(),
+            "{}: {count} single samples stick out like transmission errors; left out of the comparison",
+            recording.name
+        )?;
+    }
+    Ok(())
 }
 
 /// Columns as CSV text; numbers read back to the same bits, NaN is an empty cell.

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 
+use super::resplit::Plan;
 use super::score::{diagnose, find_cases, print, score};
 use super::{Outcome, Run, progress};
 use crate::trial::generator::Recipe;
@@ -22,7 +23,9 @@ const LOOK: Duration = Duration::from_millis(200);
 Examples:
   compass trial --cases 12 --seed 7 --out /tmp/trial           a few minutes
   compass trial --cases 12 --seed 7 --out /tmp/trial --resume  after an interruption: the same truth, answers kept
-  compass trial --write-only --healthy --cases 100 --seed 1 --out /tmp/healthy   (cases and open truth, for calibration)")]
+  compass trial --write-only --healthy --cases 100 --seed 1 --out /tmp/healthy   (cases and open truth, for calibration)
+  compass trial --resplit cases/real --truth cases/real-expected --variants 6 --out /tmp/hardware
+                                                               the same call again goes on after an interruption")]
 pub(crate) struct Args {
     /// Number of cases.
     #[arg(long, default_value_t = 30)]
@@ -58,6 +61,24 @@ pub(crate) struct Args {
     /// Write the table here as well.
     #[arg(long)]
     table: Option<PathBuf>,
+    /// Split, cut and disturb the hardware cases of this folder instead, and ask for the same answers
+    #[arg(long, value_name = "CASES", requires = "truth", conflicts_with_all = ["healthy", "ill", "write_only", "resume"])]
+    resplit: Option<PathBuf>,
+    /// What is known of the hardware cases (CASE.toml)
+    #[arg(long, requires = "resplit", value_name = "DIR")]
+    truth: Option<PathBuf>,
+    /// Further recordings of the same machines, in folders named like the cases
+    #[arg(long, requires = "resplit", value_name = "DIR")]
+    recordings: Option<PathBuf>,
+    /// Variants of each hardware case
+    #[arg(long, requires = "resplit", default_value_t = 30)]
+    variants: usize,
+    /// Only hardware cases whose name contains this
+    #[arg(long, requires = "resplit")]
+    only: Option<String>,
+    /// Do not fit the forbidden effects to settle what a variant can decide: quicker, and less is known
+    #[arg(long, requires = "resplit")]
+    no_rivals: bool,
     /// Be the generating process: the key comes on standard input.
     #[arg(long, hide = true)]
     generate: bool,
@@ -65,6 +86,9 @@ pub(crate) struct Args {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        if let Some((cases, truth)) = self.resplit.as_deref().zip(self.truth.as_deref()) {
+            return self.resplit_plan(cases, truth).run();
+        }
         let trial = TrialFolder::new(&self.out);
         if self.generate {
             return self.generate(&trial, read_key()?);
@@ -101,6 +125,22 @@ impl Run for Args {
 }
 
 impl Args {
+    fn resplit_plan<'a>(&'a self, cases: &'a Path, truth: &'a Path) -> Plan<'a> {
+        Plan {
+            cases,
+            truth,
+            recordings: self.recordings.as_deref(),
+            variants: self.variants,
+            seed: self.seed,
+            out: &self.out,
+            only: self.only.as_deref(),
+            with_rivals: !self.no_rivals,
+            jobs: self.jobs,
+            limit: Duration::from_secs(self.limit_s),
+            table: self.table.as_deref(),
+        }
+    }
+
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "seconds were checked")]
     fn recipe(&self) -> anyhow::Result<Recipe> {
         if !(2.0..=600.0).contains(&self.seconds) {

@@ -7,6 +7,7 @@ use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::pipeline::{DiagnoseError, again, ready, runaway, warnings};
 use crate::diagnose::prove::{Models, proof};
 use crate::diagnose::spikes::{cleaned, drop_spikes};
+use crate::diagnose::supposed::{Supposed, with_supposed};
 use crate::diagnose::suspicion::{at_bounds, suspicions};
 use crate::diagnose::tables::{estimates, undetermined_combinations};
 use crate::identify::experiment::Experiment;
@@ -17,9 +18,6 @@ use crate::model::rig::{Bounds, Effect, Rig, Use, Value};
 use crate::report::findings::{Estimate, Figure};
 use crate::report::identified::{DecidedBy, Identified, Line};
 use crate::report::table::number;
-
-/// Half the width of a 95 % interval, in standard deviations.
-const HALF_95: f64 = 1.96;
 
 /// A fitted model with what there is to say about it.
 #[derive(Clone, Debug)]
@@ -35,16 +33,28 @@ pub struct Identification {
 /// # Errors
 /// See [`DiagnoseError`].
 pub fn identify(experiment: &Experiment) -> Result<Identification, DiagnoseError> {
+    identify_with(experiment, &[])
+}
+
+/// The same with effects added that a person supposes, one after the other; whether they are there is not judged.
+///
+/// # Errors
+/// See [`DiagnoseError`].
+pub fn identify_with(experiment: &Experiment, supposed: &[Supposed]) -> Result<Identification, DiagnoseError> {
     let (mut recordings, pooled, floors) = ready(experiment)?;
     let rig = &experiment.rig;
     let first = fitted(rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
     let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
-    let best = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
+    let mut best = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
+    for effect in supposed {
+        let no_place = || DiagnoseError::NoPlace(effect.kind.id().to_owned());
+        best = with_supposed(&best, effect, &pooled, &floors).ok_or_else(no_place)?;
+    }
     let best = coloured(best, &floors).with_intervals();
-    let (clean, more) = cleaned(experiment, &recordings, &best.rig, &floors);
+    let (clean, left_out) = cleaned(experiment, &best.rig);
     let (figures, traces) = proof(&clean, Models { given: rig, refitted: &best.rig, explained: &best.rig })?;
     let lines = lines(rig, &best);
-    let mut warnings = warnings(experiment, dropped + more);
+    let mut warnings = warnings(experiment, dropped.max(left_out));
     warnings.extend(suspicions(&best, &floors));
     warnings.extend(at_bounds(&best, rig));
     let found = Identified {
@@ -82,13 +92,14 @@ fn growth(before: &Hypothesis, after: &Hypothesis, floors: &[f64]) -> f64 {
 
 fn lines(given: &Rig, best: &Hypothesis) -> Vec<Line> {
     let before = Theta::of(given);
+    // What was added was not given.
+    let given = |name: &str| before.index_of(name).map_or(f64::NAN, |i| before.values[i]);
     let entries = best.problem.theta.entries.iter().zip(estimates(best));
-    entries.zip(before.values).map(|((entry, (_, fitted)), given)| line(entry, given, fitted)).collect()
+    entries.map(|(entry, (_, fitted))| line(entry, given(&entry.name), fitted)).collect()
 }
 
 fn line(entry: &Entry, given: f64, fitted: Estimate) -> Line {
     let Bounds { min, max } = entry.bounds;
-    let half = HALF_95 * fitted.std;
     let reach = 1e-6 * (max - min);
     let at_bound = fitted.value <= min + reach || fitted.value >= max - reach;
     // Spread evenly between its bounds, a number has this deviation.
@@ -98,8 +109,7 @@ fn line(entry: &Entry, given: f64, fitted: Estimate) -> Line {
         (true, true) => DecidedBy::Bound,
         (true, false) => DecidedBy::Data,
     };
-    let interval = [(fitted.value - half).max(min), (fitted.value + half).min(max)];
-    Line { name: entry.name.clone(), given, fitted, interval, decided_by }
+    Line { name: entry.name.clone(), given, fitted, interval: [fitted.low, fitted.high], decided_by }
 }
 
 fn headline(lines: &[Line], recordings: usize) -> String {

@@ -7,6 +7,7 @@ use crate::diagnose::attribute::{Selection, forward};
 use crate::diagnose::base::{as_given, fit_recordings, fitted, floors};
 use crate::diagnose::contest::contested;
 use crate::diagnose::disagreement::{no_common_machine, unfollowed};
+use crate::diagnose::headline::{costs, headline};
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::interest::{Kept, split_by_interest, undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, explained_part};
@@ -29,10 +30,11 @@ use crate::diagnose::sentence;
 use crate::diagnose::sets::{answered, rejected};
 use crate::diagnose::spikes::{cleaned, drop_spikes};
 use crate::diagnose::suspicion::{at_bounds, contradicted, suspicions};
-use crate::diagnose::tables::{estimates, headline, parameter_lines, ranking, undetermined_combinations};
+use crate::diagnose::tables::{estimates, parameter_lines, ranking, undetermined_combinations};
 use crate::diagnose::tried::{Added, Trial};
 use crate::diagnose::unlisted::{Unlisted, unexplained};
 use crate::diagnose::valley::wandered;
+use crate::identify::computed::computed_inputs;
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
 use crate::identify::floor::complaints;
@@ -56,9 +58,15 @@ pub enum DiagnoseError {
     /// Columns in the wrong unit.
     #[error("{}", .0.join("\n"))]
     Units(Vec<String>),
+    /// Inputs that are control errors.
+    #[error("{}", .0.join("\n"))]
+    Computed(Vec<String>),
     /// The machine does not run.
     #[error(transparent)]
     Run(#[from] RolloutError),
+    /// A supposed effect has no place in this rig.
+    #[error("`{0}`: this rig has no place for it, it stands in rig.toml already, or every fit with it diverges")]
+    NoPlace(String),
     /// The base model leaves the finite numbers from every start.
     #[error("the base model diverges on the fit recordings; shorten `window_s` or check units and signs in rig.toml")]
     Diverges,
@@ -103,8 +111,8 @@ pub fn diagnose(
     let selection = searched(experiment, &start, &mut said);
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
     let answer = finished(start.given.clone(), selection, &start.context, options, &mut said);
-    let (clean, more) = cleaned(experiment, &start.recordings, &answer.explained().rig, &start.context.floors);
-    let mut warnings = warnings(experiment, start.dropped + more);
+    let (clean, left_out) = cleaned(experiment, &answer.explained().rig);
+    let mut warnings = warnings(experiment, start.dropped.max(left_out));
     warnings.extend(answer.warnings(experiment, cut_short, &start.context));
     said("proof");
     let mut findings = answer.findings(&clean, &start.context, &last, warnings)?;
@@ -115,7 +123,6 @@ pub fn diagnose(
 
 /// What a search starts from.
 struct Start {
-    recordings: Vec<Recording>,
     pooled: Pooled,
     /// Samples that were left out.
     dropped: usize,
@@ -145,7 +152,7 @@ impl Start {
         for (name, of) in estimates(&base) {
             said(&format!("   {name} {:.4}", of.value));
         }
-        Ok(Self { recordings, pooled, dropped, given, base, context })
+        Ok(Self { pooled, dropped, given, base, context })
     }
 }
 
@@ -250,6 +257,11 @@ pub(super) fn ready(experiment: &Experiment) -> Result<(Vec<Recording>, Pooled, 
     let wrong: Vec<String> = experiment.recordings.iter().flat_map(|r| wrong_units(&experiment.rig, r)).collect();
     if !wrong.is_empty() {
         return Err(DiagnoseError::Units(wrong));
+    }
+    let computed: Vec<String> =
+        experiment.recordings.iter().flat_map(|r| computed_inputs(&experiment.rig, r)).collect();
+    if !computed.is_empty() {
+        return Err(DiagnoseError::Computed(computed));
     }
     if floors.iter().any(|floor| floor.is_finite()) {
         return Ok((recordings, pooled, floors));
@@ -396,11 +408,12 @@ impl Found {
             seconds: 0.0,
             seed: context.seed,
         };
+        let parameters = parameter_lines(&self.given, &self.base, explained);
         Ok(Findings {
             rig: experiment.rig.name.clone(),
-            headline: headline(&diagnosis),
+            headline: headline(&diagnosis, &parameters, &costs(&experiment.rig, &traces)),
             ranking: ranking(&self.base, &self.added, last, context),
-            parameters: parameter_lines(&self.given, &self.base, explained),
+            parameters,
             undetermined: undetermined_combinations(explained),
             laws: self.laws(experiment, &traces),
             diagnosis,

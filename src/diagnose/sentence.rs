@@ -215,7 +215,7 @@ mod tests {
     use super::*;
 
     fn member(effect: &str, key: &str, value: f64) -> Member {
-        let parameters = BTreeMap::from([(key.to_owned(), Estimate { value, std: 0.01 * value })]);
+        let parameters = BTreeMap::from([(key.to_owned(), Estimate::normal(value, 0.01 * value))]);
         Member { effect: effect.into(), at: "u_v".into(), weight: 0.5, parameters }
     }
 

@@ -8,7 +8,7 @@ use crate::diagnose::judge::criterion::{Context, detection_threshold};
 use crate::diagnose::judge::numbers::{MEMBERS, TWIN_WEIGHT};
 use crate::diagnose::judge::verdict::{Estimate, Member, Missing, Rejected};
 use crate::diagnose::sentence;
-use crate::diagnose::tables::estimates;
+use crate::diagnose::tables::{estimates, step_s};
 use crate::diagnose::tried::{Added, Trial};
 use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Rig, Scope, Slot};
@@ -53,9 +53,14 @@ pub(super) fn member(of: &Hypothesis, e: usize) -> Member {
         let slot = Slot::Effect(Scope::Rig, e, k);
         let fitted = of.problem.theta.index_of_slot(slot).map(|i| known[i].1);
         let value = effect.values[k].value;
-        let mut estimate = fitted.unwrap_or(Estimate { value, std: 0.0 });
+        // What was not fitted was found between two rows.
+        let between = if key.unit == "s" { 0.5 * step_s(of) } else { 0.0 };
+        let found = Estimate { value, std: between / libm::sqrt(3.0), low: value - between, high: value + between };
+        let mut estimate = fitted.unwrap_or(found);
         if key.name == "phase" {
-            estimate.value = wrapped(estimate.value);
+            let turned = wrapped(estimate.value) - estimate.value;
+            estimate.value += turned;
+            (estimate.low, estimate.high) = (estimate.low + turned, estimate.high + turned);
         }
         parameters.insert(key.name.to_owned(), estimate);
     }
@@ -76,7 +81,7 @@ fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), contex
 /// Exact twins of a member by its equations, which no motion tells apart.
 fn twins(of: &Member) -> Vec<Member> {
     let turned = |effect: &str, key: &str, from: &str| {
-        let estimate = of.parameters.get(from).map(|e| Estimate { value: -e.value, std: e.std });
+        let estimate = of.parameters.get(from).map(|e| e.negated());
         let parameters = estimate.into_iter().map(|e| (key.to_owned(), e)).collect();
         Member { effect: effect.into(), at: of.at.clone(), weight: TWIN_WEIGHT, parameters }
     };

@@ -1,12 +1,14 @@
-//! The tables of a diagnosis: parameters before and after, the ranking, the headline.
+//! The tables of a diagnosis: parameters before and after, the ranking.
 //!
 //! RT: no.
 
 use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::judge::criterion::{Context, explained_part};
-use crate::diagnose::judge::verdict::{Diagnosis, Estimate, ParameterLine, Ranked, Verdict};
+use crate::diagnose::judge::verdict::{Estimate, ParameterLine, Ranked};
 use crate::diagnose::tried::{Added, Trial};
 use crate::identify::identifiability::{Scaled, deviations, undetermined};
+use crate::identify::noise::median_abs;
+use crate::model::rig::{Scope, Slot};
 
 /// Free numbers of a hypothesis with their names and scales; numbers over decades are relative already.
 fn scaled(of: &Hypothesis) -> Vec<Scaled> {
@@ -52,12 +54,42 @@ pub fn estimates(of: &Hypothesis) -> Vec<(String, Estimate)> {
     let values = of.problem.values(&of.point.parameters);
     let spread = spreads(of);
     let one = |(i, (value, std)): (usize, (&f64, &f64))| {
-        // A logarithm's deviation is relative.
-        let std = if of.problem.logarithmic[i] { std * value } else { *std };
-        let std = if std.is_finite() { std } else { value.abs() };
-        (of.problem.theta.entries[i].name.clone(), Estimate { value: *value, std })
+        let entry = &of.problem.theta.entries[i];
+        (entry.name.clone(), estimate(of, i, *value, *std).within(entry.bounds.min, entry.bounds.max))
     };
     values.iter().zip(&spread).enumerate().map(one).collect()
+}
+
+/// Number `i` of a fit at `value`, of this deviation in the coordinate of the fit.
+///
+/// Its deviation is what the residual shows. Its interval holds besides that a recording tells when only to a sample: a
+/// simulation that acts or reads half a step elsewhere is no other machine. So what is a time has the variance of an even
+/// density over one sample on top, whatever it is the time of.
+fn estimate(of: &Hypothesis, i: usize, value: f64, std: f64) -> Estimate {
+    let spread = if of.problem.logarithmic[i] { std * value } else { std };
+    // Of what the data does not see, the value itself is the scale.
+    let spread = if spread.is_finite() { spread } else { value.abs() };
+    let sampling = if is_time(of, i) { step_s(of) / libm::sqrt(12.0) } else { 0.0 };
+    let whole = libm::hypot(spread, sampling);
+    let wide = if of.problem.logarithmic[i] && value > 0.0 {
+        Estimate::log_normal(value, whole / value)
+    } else {
+        Estimate::normal(value, whole)
+    };
+    Estimate { std: spread, ..wide }
+}
+
+/// True if number `i` is in seconds.
+fn is_time(of: &Hypothesis, i: usize) -> bool {
+    let Slot::Effect(Scope::Rig, e, k) = of.problem.theta.entries[i].slot else { return false };
+    of.problem.rig.effects.get(e).and_then(|effect| effect.kind.keys().get(k)).is_some_and(|key| key.unit == "s")
+}
+
+/// Median time between two rows of the recordings that were fitted, s.
+#[must_use]
+pub fn step_s(of: &Hypothesis) -> f64 {
+    let steps = of.problem.recordings.iter().flat_map(|r| r.times.windows(2).map(|t| t[1] - t[0]));
+    median_abs(&steps.collect::<Vec<_>>())
 }
 
 /// Combinations that the data does not determine, in words.
@@ -113,24 +145,6 @@ pub fn ranking(base: &Hypothesis, added: &[Added], last: &[Trial], context: &Con
         chosen: chosen(t),
     }));
     out
-}
-
-/// One or two sentences for the head of the page.
-#[must_use]
-pub fn headline(diagnosis: &Diagnosis) -> String {
-    let said = match diagnosis.verdict {
-        Verdict::Consistent => {
-            vec!["The simulation as given explains the recordings to within their noise. Nothing is missing."]
-        }
-        Verdict::Parameters => {
-            vec![
-                "With its parameters fitted again the simulation explains the recordings to within their noise. No physics is missing.",
-            ]
-        }
-        _ => diagnosis.missing.iter().map(|m| m.sentence.as_str()).collect(),
-    };
-    let seen = diagnosis.seen.iter().map(|s| s.sentence.as_str());
-    said.into_iter().chain(seen).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 
 #[cfg(test)]
 mod at_truth;
+pub mod computed;
 pub mod covariance;
 pub mod effort;
 pub mod experiment;

@@ -37,6 +37,40 @@ pub struct Estimate {
     pub value: f64,
     /// One standard deviation, from the curvature of the fit and the residual it leaves.
     pub std: f64,
+    /// Lower end of the 95 % interval: within the bounds, and as wide as the sampling leaves what is a time.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+/// Half the width of a 95 % interval in standard deviations, of a normal density.
+pub const HALF_95: f64 = 1.959_963_984_540_054;
+
+impl Estimate {
+    /// With the interval of a normal density.
+    #[must_use]
+    pub fn normal(value: f64, std: f64) -> Self {
+        Self { value, std, low: value - HALF_95 * std, high: value + HALF_95 * std }
+    }
+
+    /// With the interval of a density that is normal in the logarithm: of a positive number that is known by its order.
+    #[must_use]
+    pub fn log_normal(value: f64, relative_std: f64) -> Self {
+        let factor = libm::exp(HALF_95 * relative_std);
+        Self { value, std: relative_std * value, low: value / factor, high: value * factor }
+    }
+
+    /// The same, its interval ended at bounds.
+    #[must_use]
+    pub fn within(self, min: f64, max: f64) -> Self {
+        Self { low: self.low.max(min), high: self.high.min(max), ..self }
+    }
+
+    /// The number of opposite sign.
+    #[must_use]
+    pub fn negated(self) -> Self {
+        Self { value: -self.value, std: self.std, low: -self.high, high: -self.low }
+    }
 }
 
 /// Where simulation and recording differ.

@@ -2,6 +2,8 @@
 
 use super::findings::{Estimate, Figure, Trace};
 use super::table::{Align, Table, number, range, with_deviation};
+use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// What decides the value of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +50,23 @@ pub struct Identified {
     pub warnings: Vec<String>,
 }
 
+/// `identified.json`: the numbers for programs.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary<'f> {
+    /// Value and standard deviation by name.
+    pub parameters: BTreeMap<&'f str, Estimate>,
+    /// Free-run errors; `nrmse_refitted` is that of the fitted model.
+    pub fit: &'f [Figure],
+}
+
 impl Identified {
+    /// What `identified.json` says.
+    #[must_use]
+    pub fn summary(&self) -> Summary<'_> {
+        let parameters = self.lines.iter().map(|line| (line.name.as_str(), line.fitted)).collect();
+        Summary { parameters, fit: &self.figures }
+    }
+
     /// The fitted numbers with their intervals.
     #[must_use]
     pub fn parameters(&self) -> Table {
@@ -88,7 +106,7 @@ impl Identified {
 
 impl Line {
     fn cells(&self) -> [String; 3] {
-        let Estimate { value, std } = self.fitted;
+        let Estimate { value, std, .. } = self.fitted;
         let [low, high] = self.interval;
         match self.decided_by {
             DecidedBy::Data => [with_deviation(value, std), range(low, high), String::new()],
@@ -107,7 +125,7 @@ mod tests {
         let line = |decided_by| Line {
             name: "gain@u".into(),
             given: 1.0,
-            fitted: Estimate { value: 0.9, std: 0.02 },
+            fitted: Estimate::normal(0.9, 0.02),
             interval: [0.86, 0.94],
             decided_by,
         };

@@ -43,7 +43,7 @@ fn findings() -> Findings {
         effect: "coulomb_friction".into(),
         at: "q1".into(),
         weight: 0.98,
-        parameters: [("coulomb".to_owned(), Estimate { value: 0.00616, std: 0.00004 })].into(),
+        parameters: [("coulomb".to_owned(), Estimate::normal(0.00616, 0.00004))].into(),
     };
     let ranked = |effect: &str, explained, gain, chosen| Ranked {
         effect: effect.into(),
@@ -56,7 +56,7 @@ fn findings() -> Findings {
         name: name.into(),
         given,
         refitted,
-        explained: Estimate { value, std },
+        explained: Estimate::normal(value, std),
         at_bound: false,
     };
     Findings {

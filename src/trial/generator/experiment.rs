@@ -292,7 +292,7 @@ pub(super) fn free_run(physics: &Physics, recording: &Recording, window: usize, 
 mod tests {
     use super::super::rig;
     use super::*;
-    use crate::trial::generator::dice::Dice;
+    use crate::trial::dice::Dice;
 
     #[test]
     fn a_late_command_acts_for_its_part_of_a_step() {

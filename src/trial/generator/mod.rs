@@ -2,7 +2,7 @@
 //!
 //! - [`chain`]: bodies on arms, projected; [`machine`]: dry friction by time-stepping, LuGre pre-sliding, drives with
 //!   springs and play, 10 or 20 kHz; [`walker`]: feet, ground and impacts, 4 kHz; [`gait`]: what makes it walk
-//! - [`rig`]: drawn machines; [`program`]: excitations; [`experiment`]: recordings; [`dice`]: seeded draws and noise
+//! - [`rig`]: drawn machines; [`program`]: excitations; [`experiment`]: recordings; `dice` beside this room: seeded draws and noise
 //! - [`draw`], [`effect`]: what is hidden; [`refit`]: how visible it remains; [`twins`]: what else the data allows
 //! - [`case`]: five levels of concealment; [`files`]: the case and its truth on disk
 //!
@@ -11,7 +11,6 @@
 
 mod case;
 mod chain;
-mod dice;
 mod draw;
 mod effect;
 mod experiment;
@@ -32,8 +31,8 @@ use rayon::prelude::*;
 
 pub use case::Recipe;
 
+use super::dice::{self, Dice};
 use super::score::Simulated;
-use dice::Dice;
 
 /// Writes `count` cases into `folder` and gives their truths by name. Names say nothing: they are numbers.
 ///

@@ -101,6 +101,27 @@ pub struct Member {
 pub struct Found {
     /// SI value.
     pub value: f64,
+    /// Its standard deviation.
+    #[serde(default)]
+    pub std: Option<f64>,
+    /// Lower end of its 95 % interval, where the answer tells one.
+    #[serde(default)]
+    pub low: Option<f64>,
+    /// Upper end.
+    #[serde(default)]
+    pub high: Option<f64>,
+}
+
+/// Half the width of a 95 % interval in standard deviations, of a normal density.
+const HALF_95: f64 = 1.959_963_984_540_054;
+
+impl Found {
+    /// The 95 % interval: as told, else two standard deviations to either side. `None`: nothing is told of it.
+    pub fn interval(&self) -> Option<[f64; 2]> {
+        let told = self.low.zip(self.high);
+        let normal = || self.std.map(|std| (self.value - HALF_95 * std, self.value + HALF_95 * std));
+        told.or_else(normal).map(|(low, high)| [low, high])
+    }
 }
 
 /// Errors of one channel of one recording.

@@ -1,5 +1,7 @@
 //! All marks together: the table that is printed, and its totals. RT: no.
 
+use std::collections::BTreeMap;
+
 use super::hardware::HardwareMark;
 use super::simulated::Mark;
 use super::spread::interval;
@@ -192,12 +194,27 @@ fn simulated_figures(table: &mut Table, marks: &[&Mark]) {
     let gains: Vec<f64> = marks.iter().filter_map(|m| m.gain).collect();
     line(table, "parameter error, leading, median", sure(&leading, middle, percent), "<= 15 %");
     line(table, "parameter error, all, median", sure(&all, middle, percent), "");
+    intervals(table, marks);
     line(table, "time IoU, mean", sure(&overlaps, mean, shown), "0.6");
     line(table, "time IoU, median", sure(&overlaps, middle, shown), "");
     line(table, "recoverable held-out gain, mean", sure(&gains, mean, percent), "80 %");
     line(table, "recoverable held-out gain, median", sure(&gains, middle, percent), "");
     line(table, "  cases above 80 %", Share::count(gains.iter().map(|g| *g >= 0.8)), "");
     line(table, "right in every respect", Share::count(marks.iter().map(|m| m.right())), "");
+}
+
+/// Share of the 95 % intervals that contain the truth, in all and by effect and parameter.
+fn intervals(table: &mut Table, marks: &[&Mark]) {
+    let all = || marks.iter().flat_map(|m| &m.intervals);
+    line(table, "95 % intervals that hold", Share::count(all().map(|(_, holds)| *holds)), "95 %");
+    let mut by_name: BTreeMap<&str, Vec<bool>> = BTreeMap::new();
+    for (name, holds) in all() {
+        by_name.entry(name).or_default().push(*holds);
+    }
+    for (name, holds) in by_name {
+        let hits = holds.iter().filter(|h| **h).count();
+        line(table, &format!("  {name}"), format!("{hits} of {}", holds.len()), "");
+    }
 }
 
 fn hardware_totals(table: &mut Table, rows: &[Row]) {

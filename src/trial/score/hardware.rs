@@ -41,8 +41,8 @@ impl HardwareMark {
     }
 }
 
-/// `effect`, `effect@at` or `effect@at#order`.
-fn token_fits(token: &str, member: &Member) -> bool {
+/// True if a member is what `effect`, `effect@at` or `effect@at#order` says.
+pub fn token_fits(token: &str, member: &Member) -> bool {
     let (place, order) =
         token.split_once('#').map_or((token, None), |(place, order)| (place, order.parse::<f64>().ok()));
     let (effect, at) = place.split_once('@').map_or((place, None), |(effect, at)| (effect, Some(at)));

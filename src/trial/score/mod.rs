@@ -28,7 +28,7 @@ use std::path::Path;
 
 pub use answer::{Answer, Entry, FitRow, Found, Member, Place, ReadError};
 pub use board::{CaseMark, Row, case_table, median, totals_table};
-pub use hardware::{HardwareMark, SampleCounts, mark as mark_hardware};
+pub use hardware::{HardwareMark, SampleCounts, mark as mark_hardware, token_fits};
 pub use interval::time_iou;
 pub use runner::{RunEnd, Runner};
 pub use simulated::{Mark, mark as mark_simulated};
@@ -72,7 +72,8 @@ fn describe(truth: &Truth) -> String {
     }
 }
 
-fn names(answer: &Answer) -> String {
+/// What an answer names, in short.
+pub fn names(answer: &Answer) -> String {
     let entry =
         |entry: &Entry| entry.one_of.iter().map(|m| format!("{}@{}", m.effect, m.at)).collect::<Vec<_>>().join(" | ");
     answer.missing.iter().map(entry).collect::<Vec<_>>().join(" + ")

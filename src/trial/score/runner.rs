@@ -3,6 +3,7 @@
 //! A process of its own per case: the diagnosis cannot see a truth, a crash costs one case, and the time is what a user
 //! waits.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Mutex;
@@ -71,7 +72,7 @@ impl Runner {
             return RunEnd::Reused;
         }
         let start = Instant::now();
-        match self.spawn(case).and_then(|child| self.wait(child, start)) {
+        match self.spawn(case).and_then(|child| wait(child, start, self.limit)) {
             Ok(None) => RunEnd::Answered(start.elapsed().as_secs_f64()),
             Ok(Some(complaint)) => RunEnd::Failed(complaint),
             Err(error) => RunEnd::Failed(error.to_string()),
@@ -95,20 +96,34 @@ impl Runner {
             .spawn()
     }
 
-    /// Waits for the end; what went wrong, if something did.
-    fn wait(&self, mut child: Child, start: Instant) -> std::io::Result<Option<String>> {
-        loop {
-            if let Some(status) = child.try_wait()? {
-                let fine = matches!(status.code(), Some(0 | 1));
-                return Ok((!fine).then(|| status.to_string()));
-            }
-            if start.elapsed() > self.limit {
-                child.kill()?;
-                child.wait()?;
-                return Ok(Some(format!("stopped after {} s", self.limit.as_secs())));
-            }
-            thread::sleep(POLL);
+    /// Runs the program with other arguments; nothing of what it prints is kept.
+    ///
+    /// # Errors
+    /// What went wrong, in words.
+    pub fn call(program: &Path, args: &[OsString], limit: Duration) -> Result<(), String> {
+        let mut command = Command::new(program);
+        command.args(args).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        match command.spawn().and_then(|child| wait(child, Instant::now(), limit)) {
+            Ok(None) => Ok(()),
+            Ok(Some(complaint)) => Err(complaint),
+            Err(error) => Err(error.to_string()),
         }
+    }
+}
+
+/// Waits for the end; what went wrong, if something did.
+fn wait(mut child: Child, start: Instant, limit: Duration) -> std::io::Result<Option<String>> {
+    loop {
+        if let Some(status) = child.try_wait()? {
+            let fine = matches!(status.code(), Some(0 | 1));
+            return Ok((!fine).then(|| status.to_string()));
+        }
+        if start.elapsed() > limit {
+            child.kill()?;
+            child.wait()?;
+            return Ok(Some(format!("stopped after {} s", limit.as_secs())));
+        }
+        thread::sleep(POLL);
     }
 }
 

@@ -31,6 +31,8 @@ pub struct Mark {
     pub leading_errors: Vec<f64>,
     /// The same over all its parameters.
     pub all_errors: Vec<f64>,
+    /// Does its 95 % interval contain the truth? Of each parameter with one: `effect.key`.
+    pub intervals: Vec<(String, bool)>,
     /// Time overlap of each effect that lives in intervals.
     pub time_iou: Vec<f64>,
     /// Part of the recoverable held-out error that was recovered.
@@ -100,6 +102,17 @@ fn parameter_error(key: &str, truth: f64, found: f64) -> f64 {
     }
 }
 
+/// True if an interval contains the truth: a phase may be turns away, the sign of an amplitude is the phase's.
+fn holds([low, high]: [f64; 2], key: &str, truth: f64) -> bool {
+    let is_inside = |x: f64| (low..=high).contains(&x);
+    match key {
+        // The first of the truth's repetitions above the lower end.
+        "phase" => is_inside(low + (truth - low).rem_euclid(2.0 * PI)),
+        "amplitude" => is_inside(truth) || is_inside(-truth),
+        _ => is_inside(truth),
+    }
+}
+
 /// The key that says how strong the effect is: the first that the contract lists.
 fn leading_key(effect: &str) -> &'static str {
     match effect {
@@ -149,6 +162,8 @@ fn note_parameters(mark: &mut Mark, hidden: &Hidden, member: &Member) {
         let Some(found) = member.parameters.get(key) else { continue };
         let error = parameter_error(key, *truth, found.value);
         mark.all_errors.push(error);
+        let told = found.interval().map(|interval| holds(interval, key, *truth));
+        mark.intervals.extend(told.map(|holds| (format!("{}.{key}", hidden.effect), holds)));
         if key == leading_key(&hidden.effect) {
             mark.leading_errors.push(error);
         }
@@ -221,6 +236,18 @@ mod tests {
         assert!(mark.right() && mark.top1 && mark.contained && !mark.said_as_set);
         assert!((mark.leading_errors[0] - 0.1).abs() < 1e-12);
         assert!((mark.gain.unwrap() - 0.75).abs() < 1e-12);
+        // 2.2 +- 1.96 x 0.1 does not reach 2.
+        assert_eq!(mark.intervals, [("parallel_spring.stiffness".to_owned(), false)]);
+    }
+
+    #[test]
+    fn intervals_are_those_that_are_told_and_phases_turn() {
+        let found = |text: &str| serde_json::from_str::<crate::trial::score::Found>(text).unwrap().interval();
+        assert_eq!(found(r#"{"value":2.0}"#), None);
+        assert_eq!(found(r#"{"value":2.0,"std":0.1,"low":1.0,"high":9.0}"#), Some([1.0, 9.0]));
+        assert!(holds([1.0, 9.0], "stiffness", 8.0) && !holds([1.0, 9.0], "stiffness", 9.1));
+        assert!(holds([3.0, 3.4], "phase", 3.2 - 2.0 * PI) && !holds([3.0, 3.4], "phase", 2.9));
+        assert!(holds([-0.3, -0.1], "amplitude", 0.2));
     }
 
     #[test]

@@ -1,0 +1,187 @@
+//! The first sentences of a diagnosis: what the missing physics costs, then what it is.
+//!
+//! A number at its bound and a strength that its interval does not tell from nothing stand in no headline: what is said
+//! of them is just that.
+//! RT: no.
+
+use crate::diagnose::judge::verdict::{Diagnosis, Estimate, Member, Missing, ParameterLine, Trace, Verdict};
+use crate::model::effect::{EffectKind, Role};
+use crate::model::rig::{MechanismKind, Rig, Sensor};
+use crate::report::findings::HALF_95;
+use crate::report::table::number;
+
+/// Error of free runs in a channel, in its unit, over the recordings that were kept back (all, if none were).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cost {
+    /// Sensor column.
+    pub channel: String,
+    /// Root mean square with the numbers of the rig fitted again.
+    pub refitted: f64,
+    /// The same with what was found.
+    pub explained: f64,
+    /// Thousandths of what: `mrad`, `mm`, `mrad/s`, `mm/s`.
+    pub unit: &'static str,
+    /// Were the recordings kept back from the fit?
+    pub is_heldout: bool,
+}
+
+/// What free runs miss in each channel.
+#[must_use]
+pub fn costs(rig: &Rig, traces: &[Trace]) -> Vec<Cost> {
+    let is_heldout = traces.iter().any(|t| t.use_ == "heldout");
+    let one = |sensor: &Sensor| {
+        let of = || traces.iter().filter(|t| t.channel == sensor.column && (!is_heldout || t.use_ == "heldout"));
+        let rms = |run: fn(&Trace) -> &Vec<f64>| {
+            let errors = of().flat_map(|t| run(t).iter().zip(&t.measured).map(|(p, y)| p - y));
+            let (count, sum) = errors.filter(|e| e.is_finite()).fold((0.0, 0.0), |(n, s), e| (n + 1.0, s + e * e));
+            libm::sqrt(sum / count)
+        };
+        let unit = match (rig.mechanism == MechanismKind::Slider, sensor.is_rate) {
+            (false, false) => "mrad",
+            (false, true) => "mrad/s",
+            (true, false) => "mm",
+            (true, true) => "mm/s",
+        };
+        let (refitted, explained) = (rms(|t| &t.refitted), rms(|t| &t.explained));
+        Cost { channel: sensor.column.clone(), refitted, explained, unit, is_heldout }
+    };
+    rig.sensors.iter().map(one).filter(|c| c.refitted.is_finite() && c.explained.is_finite()).collect()
+}
+
+/// One to three sentences for the head of the page.
+#[must_use]
+pub fn headline(diagnosis: &Diagnosis, lines: &[ParameterLine], costs: &[Cost]) -> String {
+    let said: Vec<String> = match diagnosis.verdict {
+        Verdict::Consistent => {
+            vec!["The simulation as given explains the recordings to within their noise. Nothing is missing.".into()]
+        }
+        Verdict::Parameters => vec![
+            "With its parameters fitted again the simulation explains the recordings to within their noise. No physics is \
+             missing."
+                .into(),
+        ],
+        Verdict::Explained | Verdict::Ambiguous | Verdict::Unlisted => {
+            let cost = costs.iter().max_by(|a, b| weight(a).total_cmp(&weight(b))).map(cost_in_words);
+            let entries = diagnosis.missing.iter().map(|entry| said_of(entry, lines));
+            cost.into_iter().chain(entries).collect()
+        }
+    };
+    let seen = diagnosis.seen.iter().map(|s| s.sentence.clone());
+    said.into_iter().chain(seen).collect::<Vec<_>>().join(" ")
+}
+
+/// The channel that shows most is the one that gains most; angles and positions before rates, which few can picture.
+fn weight(cost: &Cost) -> f64 {
+    let gained = 1.0 - cost.explained / cost.refitted.max(f64::MIN_POSITIVE);
+    if cost.unit.ends_with("/s") { gained - 1.0 } else { gained }
+}
+
+fn cost_in_words(cost: &Cost) -> String {
+    let Cost { channel, refitted, explained, unit, is_heldout } = cost;
+    let milli = |x: f64| number(1e3 * x);
+    let what = if *is_heldout { "recordings that were never fitted" } else { "the fitted recordings" };
+    if explained < refitted {
+        let (before, after) = (milli(*refitted), milli(*explained));
+        format!(
+            "On {what} the simulation misses {channel} by {before} {unit}, with the physics that it lacks by {after} {unit}."
+        )
+    } else {
+        format!("On {what} the simulation misses {channel} by {} {unit}.", milli(*refitted))
+    }
+}
+
+/// The sentence of an entry, or, where its numbers say too little, only that.
+fn said_of(entry: &Missing, lines: &[ParameterLine]) -> String {
+    let best = entry.one_of.first();
+    let Some(best) = best else { return entry.sentence.clone() };
+    match doubt(best, lines) {
+        None => entry.sentence.clone() + &further(best, lines),
+        Some(why) => format!("Perhaps {} at {} is missing: {why}.", words(&best.effect), best.at),
+    }
+}
+
+/// Why the size of a member is no finding by itself: of its first key, which says how strong it is.
+fn doubt(member: &Member, lines: &[ParameterLine]) -> Option<String> {
+    let key = EffectKind::from_id(&member.effect)?.keys().first()?;
+    let estimate = member.parameters.get(key.name)?;
+    let reaches = |nothing: f64| (estimate.value - nothing).abs() <= HALF_95 * estimate.std;
+    if matches!(key.role, Role::Strength(nothing) if reaches(nothing)) {
+        return Some(interval_in_words(key.name, estimate));
+    }
+    at_bound(member, key.name, lines)
+}
+
+/// That a number of a member ran to a bound other than zero, which is where nature ends.
+fn at_bound(member: &Member, key: &str, lines: &[ParameterLine]) -> Option<String> {
+    let name = format!("{}@{}.{key}", member.effect, member.at);
+    let line = lines.iter().find(|l| l.name == name && l.at_bound && l.explained.value != 0.0)?;
+    Some(format!("its {} ran to {}, the bound of the search", words(key), number(line.explained.value)))
+}
+
+/// The same of its further numbers, as a sentence.
+fn further(member: &Member, lines: &[ParameterLine]) -> String {
+    let others = member.parameters.keys().filter_map(|key| at_bound(member, key, lines));
+    others.map(|why| format!(" In this, {why}.")).collect()
+}
+
+fn interval_in_words(key: &str, estimate: &Estimate) -> String {
+    let (value, half) = (number(estimate.value), number(HALF_95 * estimate.std));
+    format!("its {} of {value} ± {half} is not told from nothing", words(key))
+}
+
+fn words(key: &str) -> String {
+    key.replace('_', " ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spring(stiffness: Estimate) -> Missing {
+        let parameters = [("stiffness".to_owned(), stiffness), ("rest".to_owned(), Estimate::normal(0.1, 0.01))].into();
+        let member = Member { effect: "parallel_spring".into(), at: "q1".into(), weight: 1.0, parameters };
+        Missing { one_of: vec![member], sentence: "The simulation lacks a spring.".into() }
+    }
+
+    fn line(at_bound: bool) -> ParameterLine {
+        ParameterLine {
+            name: "parallel_spring@q1.stiffness".into(),
+            given: f64::NAN,
+            refitted: f64::NAN,
+            explained: Estimate::normal(5.0, 0.1),
+            at_bound,
+        }
+    }
+
+    #[test]
+    fn a_strength_that_its_interval_does_not_tell_from_nothing_is_a_perhaps() {
+        assert_eq!(said_of(&spring(Estimate::normal(5.0, 0.1)), &[line(false)]), "The simulation lacks a spring.");
+        let weak = said_of(&spring(Estimate::normal(5.0, 4.0)), &[line(false)]);
+        assert!(weak.starts_with("Perhaps parallel spring at q1") && weak.contains("not told from nothing"), "{weak}");
+        assert!(said_of(&spring(Estimate::normal(5.0, 0.1)), &[line(true)]).contains("bound of the search"));
+    }
+
+    #[test]
+    fn the_cost_is_told_in_thousandths_of_the_held_out_channel_that_gains_most() {
+        let rig = Rig::parse(
+            "schema = 1\nmechanism = \"slider\"\n[parameters]\nmass_kg = 1.0\n[[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\n\
+             gain = 1.0\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"x_m\"\n",
+            "rig.toml",
+        )
+        .unwrap();
+        let trace = |use_: &str, refitted: f64| Trace {
+            recording: "a.csv".into(),
+            use_: use_.into(),
+            channel: "x_m".into(),
+            t_s: vec![0.0, 0.1, 0.2],
+            measured: vec![0.0, f64::NAN, 0.0],
+            given: vec![0.0; 3],
+            refitted: vec![refitted; 3],
+            explained: vec![0.001; 3],
+        };
+        let costs = costs(&rig, &[trace("fit", 9.0), trace("heldout", 0.012)]);
+        assert!((costs[0].refitted - 0.012).abs() < 1e-12 && costs[0].is_heldout);
+        let said = cost_in_words(&costs[0]);
+        assert!(said.contains("misses x_m by 12 mm") && said.contains("by 1 mm"), "{said}");
+    }
+}
