@@ -1,6 +1,8 @@
-//! `compass plan ...`: gaits, rebalances, step-ins, stops and changes of speed, as files for the controllers. RT: no.
+//! `compass plan ...`: gaits, rebalances, step-ins, stops, changes of speed and LQR-trees, as files for the controllers.
+//! RT: no.
 
 mod show;
+mod tree;
 
 use super::config_args::ConfigArgs;
 use super::{Outcome, Run, UsageError, progress};
@@ -29,6 +31,7 @@ Examples:
   compass plan step-in gait.plan --stance outer --out step-in.plan
   compass plan stop gait.plan --steps 3 --out stop.plan
   compass plan change gait.plan faster.plan --steps 2 --out change.plan
+  compass plan tree --samples 20000 --out recovery.tree
   compass plan show gait.plan --out gait.html
 
 A plan holds for the model it was made for; the file knows it. See docs/planning.md.
@@ -111,6 +114,7 @@ enum Task {
         #[command(flatten)]
         terms: TermArgs,
     },
+    Tree(tree::Args),
     /// A page with phase portrait, torque, clearance, ground force and an animation
     Show(show::Args),
 }
@@ -165,6 +169,7 @@ impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
         match self.task {
             Task::Show(args) => args.run(),
+            Task::Tree(args) => args.run(),
             Task::Gait { step, speed, terms } => {
                 positive("--step", step)?;
                 positive("--speed", speed)?;
@@ -263,6 +268,7 @@ impl TermArgs {
             rate_m_s: toe.rate_limit_m_s,
             acceleration_m_s2: self.toe_acceleration,
             until_s: 0.1,
+            begun_s: 0.0,
         });
         let numbers = [self.friction, self.toe_acceleration];
         let bad = |x: f64| !x.is_finite() || x < 0.0;
@@ -281,6 +287,7 @@ impl TermArgs {
             friction: self.friction,
             normal_force_n: 10.0,
             clearance,
+            swing_rad: None,
             impact: true,
         };
         let cost = Cost { torque, motor, power, time: 0.0 };

@@ -38,6 +38,7 @@ mod stance_toe;
 mod swing;
 pub mod tables;
 mod transverse;
+pub mod tree;
 mod tvlqr;
 mod virtual_constraint;
 mod walk;

@@ -10,6 +10,7 @@
 //! | [`tasks`] | the problems that walking needs: gait, rebalance, step-in, change of speed, stop |
 //! | [`tvlqr`] | gains by time, through impacts (saltation) |
 //! | [`transverse`] | surfaces, periodic Riccati, multipliers |
+//! | [`tree`] | LQR-trees: samples, planned branches, tubes cut down by simulation |
 //! | [`mod@file`] | motion and gains → `control::tables` |
 //!
 //! RT: no.
@@ -22,6 +23,7 @@ pub mod solve;
 pub mod tasks;
 pub mod trajectory;
 pub mod transverse;
+pub mod tree;
 pub mod tvlqr;
 
 #[cfg(test)]

@@ -114,6 +114,8 @@ pub struct Limits {
     pub normal_force_n: f64,
     /// Clearance of the swing foot; `None`: it may pass through the floor.
     pub clearance: Option<Clearance>,
+    /// Largest swing angle at the knots, rad; `None`: any.
+    pub swing_rad: Option<f64>,
     /// Impacts must stay within the friction cone too, and the old stance foot must leave the floor.
     pub impact: bool,
 }
@@ -131,6 +133,8 @@ pub struct Clearance {
     pub acceleration_m_s2: f64,
     /// Time before touchdown at which the foot may come down, s.
     pub until_s: f64,
+    /// So long before the first phase its toe has begun to go in, s; 0: it begins with the phase.
+    pub begun_s: f64,
 }
 
 /// Cost `∫ torque τ² + motor τ_m² + power (τ_m r)⁺ + time dt`, torques and power divided by `m_t l²`.

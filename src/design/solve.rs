@@ -45,6 +45,8 @@ pub struct Solution {
 pub struct Violation {
     /// What and where.
     pub what: String,
+    /// Phase, from 0.
+    pub phase: usize,
     /// Value at the point that breaks the constraints least.
     pub value: f64,
     /// The bound it breaks.
@@ -184,7 +186,7 @@ pub fn violations(program: &mut Program, w: &[f64]) -> Vec<Violation> {
         let (factor, unit) = name.quantity.unit(&robot);
         let t = name.place * durations[name.phase];
         let what = format!("{}, phase {} at {t:.3} s", name.quantity.words(), name.phase + 1);
-        let new = Violation { what, value: value * factor, bound: bound * factor, unit, normalised };
+        let new = Violation { what, phase: name.phase, value: value * factor, bound: bound * factor, unit, normalised };
         match found.iter_mut().find(|(n, _)| n.quantity == name.quantity && n.phase == name.phase) {
             Some((_, old)) if old.normalised >= normalised => {}
             Some((_, old)) => *old = new,

@@ -32,6 +32,7 @@ impl Limits {
         friction: 0.6,
         normal_force_n: 0.0,
         clearance: None,
+        swing_rad: None,
         impact: true,
     };
 }
@@ -42,7 +43,7 @@ impl Clearance {
     /// With as much retraction as clearance no step exists but a singular one: legs of equal length pass each other with
     /// the foot exactly the retraction above the floor, and before and after it may only be higher.
     pub const TOES: Self =
-        Self { height_m: 0.02, retract_m: 0.03, rate_m_s: 0.25, acceleration_m_s2: 5.0, until_s: 0.1 };
+        Self { height_m: 0.02, retract_m: 0.03, rate_m_s: 0.25, acceleration_m_s2: 5.0, until_s: 0.1, begun_s: 0.0 };
 }
 
 impl Terms {

@@ -108,6 +108,22 @@ impl Arc {
         std::array::from_fn(|i| a * x0[i] + b * h * f0[i] + c * x1[i] + d * h * f1[i])
     }
 
+    /// Its part up to the time `end_s`, at `knots` knots.
+    #[must_use]
+    pub fn until(&self, end_s: f64, knots: usize) -> Self {
+        #[expect(clippy::cast_precision_loss, reason = "a few hundred knots")]
+        let time = |k: f64| end_s * k / (knots - 1) as f64;
+        #[expect(clippy::cast_precision_loss, reason = "a few hundred knots")]
+        let at = |k: usize, add: f64| time(k as f64 + add);
+        Self {
+            duration_s: end_s,
+            states: (0..knots).map(|k| self.state(at(k, 0.0))).collect(),
+            torques: (0..knots).map(|k| self.torque(at(k, 0.0))).collect(),
+            mid_torques: (1..knots).map(|k| self.torque(at(k, -0.5))).collect(),
+            ..self.clone()
+        }
+    }
+
     /// Largest difference between the planned states and an integration from knot to knot with `steps` steps each.
     #[must_use]
     pub fn defect(&self, steps: u32) -> f64 {

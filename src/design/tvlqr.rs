@@ -34,7 +34,7 @@ impl Weights {
 /// Steps of the Riccati equation per phase.
 pub(super) const STEPS: usize = 400;
 
-/// Gains over a phase at `STEPS + 1` equally spaced instants.
+/// Gains over a phase at equally spaced instants, both ends included.
 #[derive(Clone, Debug)]
 pub struct TimeVarying {
     /// `τ = τ* - K (x - x*)`, torque normalised.
@@ -80,6 +80,17 @@ fn slope(S: &Matrix4<f64>, A: &Matrix4<f64>, B: &Vector4<f64>, w: &Weights) -> M
 /// Gains of every phase, for the cost `final_cost` at the end of the last one. `None` for a singular impact.
 #[must_use]
 pub fn gains(motion: &Trajectory, weights: &Weights, final_cost: &Matrix4<f64>) -> Option<Vec<TimeVarying>> {
+    gains_in(motion, weights, final_cost, |_| STEPS)
+}
+
+/// The same in so many steps for each phase.
+#[must_use]
+pub fn gains_in(
+    motion: &Trajectory,
+    weights: &Weights,
+    final_cost: &Matrix4<f64>,
+    steps: impl Fn(usize) -> usize,
+) -> Option<Vec<TimeVarying>> {
     let mut S = *final_cost;
     let mut out = Vec::new();
     for (p, arc) in motion.arcs.iter().enumerate().rev() {
@@ -87,7 +98,7 @@ pub fn gains(motion: &Trajectory, weights: &Weights, final_cost: &Matrix4<f64>) 
             let jump = saltation(arc, next)?;
             S = jump.transpose() * S * jump;
         }
-        let phase = backwards(arc, weights, &S);
+        let phase = backwards(arc, weights, &S, steps(p));
         S = phase.cost[0];
         out.push(phase);
     }
@@ -96,14 +107,14 @@ pub fn gains(motion: &Trajectory, weights: &Weights, final_cost: &Matrix4<f64>) 
 }
 
 /// RK4 backwards in time over one phase.
-fn backwards(arc: &Arc, weights: &Weights, end: &Matrix4<f64>) -> TimeVarying {
+fn backwards(arc: &Arc, weights: &Weights, end: &Matrix4<f64>, steps: usize) -> TimeVarying {
     #[expect(clippy::cast_precision_loss, reason = "a few hundred steps")]
-    let h = arc.duration_s / STEPS as f64;
+    let h = arc.duration_s / steps as f64;
     let gain = |S: &Matrix4<f64>, B: &Vector4<f64>| B.transpose() * S / weights.torque;
     let mut S = *end;
     let (mut A1, mut B1) = linearised(arc, arc.duration_s);
     let mut out = TimeVarying { gain: vec![gain(&S, &B1)], cost: vec![S] };
-    for k in (0..STEPS).rev() {
+    for k in (0..steps).rev() {
         #[expect(clippy::cast_precision_loss, reason = "a few hundred steps")]
         let t = k as f64 * h;
         let (Am, Bm) = linearised(arc, t + 0.5 * h);

@@ -79,6 +79,7 @@ fn instant(
     let [fx, fy] = params.ground_force_n([s, w], [vs, vw], node.torque_nm);
     let drawn_in_m = plan.toes.map_or(0.0, |toes| {
         crate::design::problem::Clearance {
+            begun_s: 0.0,
             height_m: toes.clearance_m,
             retract_m: toes.retract_m,
             rate_m_s: toes.rate_m_s,

@@ -228,12 +228,15 @@ impl Program {
 
     fn clearance(&mut self, s: usize, w: &[f64], here: &Evaluated, y: &[f64]) {
         let stage = self.layout.stages[s].clone();
+        if stage.swing {
+            self.rows[stage.swing_row()] = Row::of_knot(&stage, &[0.0, 1.0, 0.0, 0.0, 0.0]);
+        }
         let (true, Some(clearance)) = (stage.clear, self.problem.limits.clearance) else { return };
         let intervals =
             Values { problem: &self.problem, layout: &self.layout, params: &self.params }.intervals(stage.phase);
         let [q0, q1, T] = Jet3::point(&[here.x[0], here.x[1], w[self.layout.durations + stage.phase]]);
         let t = T * (knot_number(&stage) / intervals);
-        let margin = clearance.margin([q0, q1], t, T, self.problem.robot.leg_length_m);
+        let margin = clearance.margin([q0, q1], t, T, self.problem.robot.leg_length_m, clearance.begun_at(stage.phase));
         let row = stage.clearance_row();
         self.rows[row] = Row::of_knot(&stage, &[margin.d[0], margin.d[1], 0.0, 0.0, 0.0]);
         self.rows[row].time = margin.d[2];

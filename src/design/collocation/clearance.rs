@@ -13,7 +13,7 @@ impl Clearance {
     }
 
     /// Travel after `t` seconds from rest to rest: speed up, cruise, slow down.
-    fn travelled<S: Scalar>(&self, t: S) -> S {
+    pub(crate) fn travelled<S: Scalar>(&self, t: S) -> S {
         let (a, all) = (self.acceleration_m_s2, self.travel_s());
         let ramp = (self.rate_m_s / a).min(all / 2.0);
         let left = -t + all;
@@ -28,6 +28,11 @@ impl Clearance {
         } else {
             (t - 0.5 * ramp) * (a * ramp)
         }
+    }
+
+    /// How long before a phase its toe has begun to go in, s.
+    pub(super) const fn begun_at(&self, phase: usize) -> f64 {
+        if phase == 0 { self.begun_s } else { 0.0 }
     }
 
     /// How far the toe is drawn in at `t` of a phase of length `duration`, m. It is out again at touchdown.
@@ -46,7 +51,9 @@ impl Clearance {
     }
 
     /// Height above the one asked for, in leg lengths, for legs of length `l` m with toes at their nominal length.
-    pub fn margin<S: Scalar>(&self, q: [S; 2], t: S, duration: S, l: f64) -> S {
+    /// `begun_s`: the toe has begun so long before the phase.
+    pub fn margin<S: Scalar>(&self, q: [S; 2], t: S, duration: S, l: f64, begun_s: f64) -> S {
+        let (t, duration) = (t + begun_s, duration + begun_s);
         let drawn = self.drawn_in(t, duration);
         q[0].cos() - q[1].cos() + (drawn * q[1].cos() - self.asked(t, duration)) / l
     }
@@ -56,8 +63,14 @@ impl Clearance {
 mod tests {
     use super::*;
 
-    const TOE: Clearance =
-        Clearance { height_m: 0.02, retract_m: 0.02, rate_m_s: 0.25, acceleration_m_s2: 5.0, until_s: 0.1 };
+    const TOE: Clearance = Clearance {
+        height_m: 0.02,
+        retract_m: 0.02,
+        rate_m_s: 0.25,
+        acceleration_m_s2: 5.0,
+        until_s: 0.1,
+        begun_s: 0.0,
+    };
 
     #[test]
     fn toe_takes_its_time_and_never_exceeds_speed_or_acceleration() {

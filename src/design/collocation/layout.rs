@@ -20,10 +20,11 @@ pub(super) struct Stage {
     /// First equation, and how many: four of dynamics or start, then those of the end.
     pub(super) e0: usize,
     pub(super) ne: usize,
-    /// First bound, and how many: midpoint, knot, clearance, end.
+    /// First bound, and how many: midpoint, knot, clearance, swing angle, end.
     pub(super) g0: usize,
     pub(super) ng: usize,
     pub(super) clear: bool,
+    pub(super) swing: bool,
 }
 
 impl Stage {
@@ -35,9 +36,13 @@ impl Stage {
     pub(super) const fn clearance_row(&self) -> usize {
         self.knot_rows() + ROWS
     }
+    /// The bound of the swing angle, if there is one.
+    pub(super) const fn swing_row(&self) -> usize {
+        self.clearance_row() + self.clear as usize
+    }
     /// First bound of the end.
     pub(super) const fn end_rows(&self) -> usize {
-        self.clearance_row() + self.clear as usize
+        self.swing_row() + self.swing as usize
     }
     /// First equation of the end.
     pub(super) const fn end_equations(&self) -> usize {
@@ -111,6 +116,9 @@ impl Layout {
         if clear {
             self.bound(at(Quantity::Clearance, 0.0), 0.0, f64::INFINITY);
         }
+        if let (true, Some(most)) = (knot > 0, problem.limits.swing_rad) {
+            self.bound(at(Quantity::SwingAngle, 0.0), -most, most);
+        }
         if last {
             self.end(problem, p, at(Quantity::Dynamics, 0.0));
         }
@@ -127,6 +135,7 @@ impl Layout {
             g0,
             ng: self.bounds.len() - g0,
             clear,
+            swing: knot > 0 && problem.limits.swing_rad.is_some(),
         });
     }
 

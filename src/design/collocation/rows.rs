@@ -19,6 +19,8 @@ pub enum Quantity {
     NormalForce,
     /// Height of the swing foot above what is asked.
     Clearance,
+    /// Angle of the swing leg.
+    SwingAngle,
     /// Duration of a phase.
     Duration,
     /// Sum of the durations.
@@ -58,6 +60,7 @@ impl Quantity {
             Self::ConeBackward => "friction cone of the stance foot (pushed backward)".into(),
             Self::NormalForce => "normal force of the stance foot".into(),
             Self::Clearance => "clearance of the swing foot".into(),
+            Self::SwingAngle => "angle of the swing leg".into(),
             Self::Duration => "duration of the phase".into(),
             Self::TotalTime => "total time (speed)".into(),
             Self::StepLength => "step length".into(),
@@ -82,6 +85,7 @@ impl Quantity {
             Self::ImpactCone => (moment, "Ns"),
             Self::Clearance | Self::StepLength | Self::TouchdownHeight => (l, "m"),
             Self::Descent | Self::LiftOff => (l, "m/s"),
+            Self::SwingAngle => (1.0, "rad"),
             Self::Duration | Self::TotalTime => (1.0, "s"),
             Self::Basin | Self::Dynamics => (1.0, ""),
             Self::Start(i) | Self::EndState(i) | Self::Arrival(i) => (1.0, if i < 2 { "rad" } else { "rad/s" }),

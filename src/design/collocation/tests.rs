@@ -9,6 +9,7 @@ const LIMITS: Limits = Limits {
     compensation: 1.0,
     friction: 0.6,
     normal_force_n: 0.0,
+    swing_rad: Some(0.9),
     clearance: None,
     impact: false,
 };
@@ -50,8 +51,14 @@ fn gradients_and_hessian_are_those_of_the_values() {
     let mut problem = gait(0.4, 0.4, 4);
     problem.cost = Cost { torque: 1.0, motor: 0.3, power: 0.2, time: 0.1 };
     problem.limits.impact = true;
-    problem.limits.clearance =
-        Some(Clearance { height_m: 0.02, retract_m: 0.02, rate_m_s: 0.25, acceleration_m_s2: 5.0, until_s: 0.1 });
+    problem.limits.clearance = Some(Clearance {
+        height_m: 0.02,
+        retract_m: 0.02,
+        rate_m_s: 0.25,
+        acceleration_m_s2: 5.0,
+        until_s: 0.1,
+        begun_s: 0.0,
+    });
     problem.phases[1].end = End::Touchdown(Landing { step_m: [0.3, 0.5], floor_m: 0.003, descent_m_s: 0.1 });
     check_derivatives(&problem);
     let mut stop = rebalance(0.3, 3);

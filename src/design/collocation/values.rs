@@ -116,7 +116,12 @@ impl Values<'_> {
         if let (true, Some(clearance)) = (stage.clear, self.problem.limits.clearance) {
             let duration = w[self.layout.durations + stage.phase];
             let t = self.step_s(stage.phase, w) * knot_number(stage);
-            g[stage.clearance_row()] = clearance.margin([x[0], x[1]], t, duration, self.problem.robot.leg_length_m);
+            let begun_s = clearance.begun_at(stage.phase);
+            let l = self.problem.robot.leg_length_m;
+            g[stage.clearance_row()] = clearance.margin([x[0], x[1]], t, duration, l, begun_s);
+        }
+        if stage.swing {
+            g[stage.swing_row()] = x[1];
         }
     }
 
