@@ -380,6 +380,8 @@ pub enum ControllerKind {
     Transverse,
     /// Balances, makes one planned step by TVLQR (thesis 4.5), balances.
     Tvlqr,
+    /// Recovers balance along a hybrid LQR-tree (thesis 4.6).
+    LqrTree,
 }
 
 impl ControllerKind {
@@ -436,6 +438,8 @@ pub struct Control {
     pub tvlqr: Tvlqr,
     /// The plan that the controller follows.
     pub plan: Plan,
+    /// The tree that it recovers along.
+    pub tree: Plan,
 }
 
 /// What `walk` is asked for.
@@ -447,6 +451,8 @@ pub struct Walk {
     pub start_s: f64,
     /// It stops so long after arming, s.
     pub stop_s: Option<f64>,
+    /// Out of the basin of balance it recovers along the tree of the configuration.
+    pub recover: bool,
 }
 
 /// Numbers of the hand-made walking law.

@@ -56,8 +56,11 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
         ("virtual_constraint", ControllerKind::VirtualConstraint),
         ("transverse", ControllerKind::Transverse),
         ("tvlqr", ControllerKind::Tvlqr),
+        ("lqr_tree", ControllerKind::LqrTree),
     ];
     let controller = r.choice("controller", CONTROLLERS, ControllerKind::Idle);
+    let walk_table = r.table("walk", walk);
+    let recovers = controller == ControllerKind::LqrTree || controller == ControllerKind::Walk && walk_table.recover;
     Control {
         controller,
         stance: r.choice("stance", LEGS, Leg::Inner),
@@ -70,12 +73,13 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
         friction_compensation: r.number("friction_compensation", range(0.0, 2.0, "1")),
         hold_stiffness_nm_rad: r.number("hold_stiffness_nm_rad", range(0.0, 1e5, "Nm/rad")),
         hold_damping_nm_s_rad: r.number("hold_damping_nm_s_rad", range(0.0, 1e4, "Nm s/rad")),
-        walk: r.table("walk", walk),
+        walk: walk_table,
         foot_placement: r.table("foot_placement", foot_placement),
         virtual_constraint: r.table("virtual_constraint", virtual_constraint),
         transverse: r.table("transverse", transverse),
         tvlqr: r.table("tvlqr", tvlqr),
-        plan: plan(r, controller.follows_plan()),
+        plan: plan(r, "plan", PLANS, controller.follows_plan()),
+        tree: plan(r, "tree", TREES, recovers),
     }
 }
 
@@ -85,30 +89,33 @@ const PLANS: &[(&str, &str)] = &[
     ("rebalance_inner_300mm", include_str!("../../config/plans/rebalance_inner_300mm.plan")),
 ];
 
+/// Trees that are in the program: by name.
+const TREES: &[(&str, &str)] = &[("recovery", include_str!("../../config/plans/recovery.tree"))];
+
 /// The plan of a controller that follows one: by name, by file, or, in a recording, its text.
-fn plan(r: &Reader<'_>, is_followed: bool) -> Plan {
+fn plan(r: &Reader<'_>, key: &'static str, in_program: &[(&str, &str)], is_followed: bool) -> Plan {
     if !is_followed {
         // Not read, so not in the recording.
-        return Plan { name: r.text("plan"), text: String::new() };
+        return Plan { name: r.text(key), text: String::new() };
     }
-    let typed = r.silent_text("plan");
+    let typed = r.silent_text(key);
     let (name, text) = if typed.starts_with('{') {
         ("recorded plan".to_owned(), typed)
-    } else if let Some((_, text)) = PLANS.iter().find(|(name, _)| *name == typed) {
+    } else if let Some((_, text)) = in_program.iter().find(|(name, _)| *name == typed) {
         (typed, (*text).to_owned())
     } else {
         match std::fs::read_to_string(&typed) {
             Ok(text) => (typed, text),
             Err(error) => {
-                let known: Vec<&str> = PLANS.iter().map(|(name, _)| *name).collect();
-                r.refuse("plan", &format!("cannot be read ({error}); in the program are: {}", known.join(", ")));
+                let known: Vec<&str> = in_program.iter().map(|(name, _)| *name).collect();
+                r.refuse(key, &format!("cannot be read ({error}); in the program are: {}", known.join(", ")));
                 (typed, String::new())
             }
         }
     };
     // Without line ends, which mean nothing in a plan: the canonical text has a line for each key.
     let text = text.replace(['\n', '\r'], "");
-    r.note_text("plan", &text);
+    r.note_text(key, &text);
     Plan { name, text }
 }
 
@@ -162,6 +169,7 @@ fn walk(r: &Reader<'_>) -> Walk {
         speed_m_s: r.number("speed_m_s", range(0.0, 2.0, "m/s")),
         start_s: r.number("start_s", time),
         stop_s: r.optional_number("stop_s", time),
+        recover: r.flag("recover"),
     }
 }
 

@@ -37,9 +37,11 @@ impl Gait {
             ControllerKind::VirtualConstraint => Own::Virtual(VirtualConstraint::new(config)),
             ControllerKind::Transverse => Own::Transverse(Transverse::new(config)?),
             ControllerKind::Tvlqr => Own::Rebalance(Tvlqr::new(config)?),
-            ControllerKind::Idle | ControllerKind::Hold | ControllerKind::Balance | ControllerKind::Walk => {
-                Own::Placement
-            }
+            ControllerKind::Idle
+            | ControllerKind::Hold
+            | ControllerKind::Balance
+            | ControllerKind::Walk
+            | ControllerKind::LqrTree => Own::Placement,
         };
         Ok(Self { placement: FootPlacement::new(config), own, in_charge: false, stance: None })
     }

@@ -32,6 +32,7 @@ mod gains;
 mod gait;
 mod hold;
 mod landing;
+mod lqr_tree;
 mod pendulum;
 mod planned;
 mod stance_toe;
@@ -50,6 +51,7 @@ use crate::msg::{ControlState, Estimate, JointCommand, LawName, Leg, Snapshot, T
 use balance::Balance;
 use foot_placement::Wish;
 use hold::Hold;
+use lqr_tree::LqrTree;
 use walk::Walk;
 
 pub use gains::{Gain, balance_gain};
@@ -71,6 +73,12 @@ pub enum ControllerError {
         /// Why.
         cause: PlanRefused,
     },
+    /// The tree of the configuration does not serve.
+    #[error("control.tree: {cause}")]
+    Tree {
+        /// Why.
+        cause: PlanRefused,
+    },
 }
 
 /// Why a plan is refused, in words. Before arming only.
@@ -89,8 +97,9 @@ pub struct Controller {
 enum Law {
     Idle,
     Hold(Hold),
-    Balance(Balance),
+    Balance(Box<Balance>),
     Walk(Box<Walk>),
+    Tree(Box<LqrTree>),
 }
 
 impl Controller {
@@ -102,7 +111,8 @@ impl Controller {
         let law = match config.control.controller {
             ControllerKind::Idle => Law::Idle,
             ControllerKind::Hold => Law::Hold(Hold::new(&config.control)),
-            ControllerKind::Balance => Law::Balance(Balance::new(config)?),
+            ControllerKind::Balance => Law::Balance(new_balance(config)?),
+            ControllerKind::LqrTree => Law::Tree(new_tree(config)?),
             ControllerKind::Walk
             | ControllerKind::VirtualConstraint
             | ControllerKind::Transverse
@@ -121,7 +131,8 @@ impl Controller {
     pub fn reset(&mut self, now: Stamp, estimate: &Estimate) {
         match &mut self.law {
             Law::Hold(hold) => hold.reset(estimate),
-            Law::Walk(walk) => walk.reset(now),
+            Law::Walk(walk) => walk.reset(now, estimate),
+            Law::Tree(tree) => tree.reset(now, estimate),
             Law::Idle | Law::Balance(_) => {}
         }
     }
@@ -133,15 +144,34 @@ impl Controller {
             Law::Hold(hold) => (hold.torque_nm(estimate), LawName::Hold),
             Law::Balance(balance) => (balance.torque_nm(estimate, snapshot.late, 0.0), LawName::Balance),
             Law::Walk(walk) => {
-                let (wish, state) = walk.step(now, estimate, snapshot);
-                self.state = state;
-                let Wish { hip_torque_nm, toe_position_m, .. } = wish;
-                return JointCommand { stamp: now, hip_torque_nm, toe_position_m };
+                let answer = walk.step(now, estimate, snapshot);
+                return self.answered(now, answer);
+            }
+            Law::Tree(tree) => {
+                let answer = tree.step(now, estimate, snapshot);
+                return self.answered(now, answer);
             }
         };
         self.state = ControlState { stamp: now, law, ..ControlState::default() };
         JointCommand { stamp: now, hip_torque_nm, toe_position_m: self.toes.for_stance(estimate.stance) }
     }
+
+    /// Of a law that says itself what it is about.
+    const fn answered(&mut self, now: Stamp, (wish, state): (Wish, ControlState)) -> JointCommand {
+        self.state = state;
+        let Wish { hip_torque_nm, toe_position_m, .. } = wish;
+        JointCommand { stamp: now, hip_torque_nm, toe_position_m }
+    }
+}
+
+#[expect(clippy::disallowed_methods, reason = "before arming")]
+fn new_balance(config: &Config) -> Result<Box<Balance>, ControllerError> {
+    Ok(Box::new(Balance::new(config)?))
+}
+
+#[expect(clippy::disallowed_methods, reason = "before arming")]
+fn new_tree(config: &Config) -> Result<Box<LqrTree>, ControllerError> {
+    Ok(Box::new(LqrTree::new(config)?))
 }
 
 #[expect(clippy::disallowed_methods, reason = "before arming")]

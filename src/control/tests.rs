@@ -280,3 +280,101 @@ fn transverse_law_on_its_orbit_asks_for_the_planned_torque_and_friction() {
         }
     }
 }
+
+/// The rigid robot under a controller, semi-implicit steps of 1 ms, touchdown when the swing toe is out and its foot comes
+/// down: is it standing after 4 s, and which laws were used?
+fn recovers(c: &mut Controller, leg: Leg, x: [f64; 4]) -> (bool, bool) {
+    use crate::model::compass_gait::dynamics::acceleration;
+    use crate::model::compass_gait::impact;
+    let config = config(&[]);
+    let params = config.robot.model.params();
+    let (unit, most) = (params.inertia_kg_m2(), config.robot.limits.hip_torque_nm);
+    let (mut x, mut leg, mut tree, mut steps) = (x, leg, false, 0);
+    c.reset(Stamp(0), &state(leg, x));
+    for k in 0..4000 {
+        let model = if leg == Leg::Inner { params } else { params.swapped() }.normalised();
+        let now = Stamp(k * 1_000_000);
+        let command = c.step(now, &Estimate { steps, ..state(leg, x) }, &Snapshot::default());
+        tree |= c.state().law == LawName::Tree;
+        let torque = motor_sign(leg) * command.hip_torque_nm.clamp(-most, most) / unit;
+        let a = acceleration(&model, [x[0], x[1]], [x[2], x[3]], torque);
+        let height = |x: &[f64; 4]| libm::cos(x[0]) - libm::cos(x[1]);
+        let before = height(&x);
+        (x[2], x[3]) = (x[2] + 1e-3 * a[0], x[3] + 1e-3 * a[1]);
+        (x[0], x[1]) = (x[0] + 1e-3 * x[2], x[1] + 1e-3 * x[3]);
+        let [inner, _, outer, _] = command.toe_position_m;
+        let swing_m = if leg == Leg::Inner { outer } else { inner };
+        let lands = swing_m > 0.02 && (x[0] - x[1]).abs() > 0.04 && before > 0.0 && height(&x) <= 0.0;
+        if lands {
+            x = impact::step(&model, &x).unwrap();
+            leg = leg.other();
+            steps += 1;
+        }
+        if x[0].abs() > 0.6 || x[1].abs() > 1.6 {
+            return (false, tree);
+        }
+    }
+    (x[0].abs() < 0.05 && x[2].abs() < 0.1, tree)
+}
+
+#[test]
+fn tree_law_stands_up_by_a_step_where_balance_falls_and_by_another_integrator_too() {
+    let (mut tree, mut balance) = (controller("lqr_tree"), controller("balance"));
+    // Falling forward or backward, standing still but leaning, and swinging: all beyond balance.
+    let states = [
+        [-0.05, 0.1, -0.5, 0.5],
+        [0.05, -0.1, 0.5, -0.5],
+        [-0.1, 0.2, -0.3, 0.0],
+        [0.15, -0.3, 0.2, 0.5],
+        [-0.05, 0.3, -0.6, 0.5],
+        [0.0, 0.2, -0.6, 1.0],
+    ];
+    let mut stands = 0;
+    for x in states {
+        for leg in [Leg::Inner, Leg::Outer] {
+            assert!(!recovers(&mut balance, leg, x).0, "{leg:?} {x:?}");
+            let (stood, used) = recovers(&mut tree, leg, x);
+            assert!(used);
+            stands += usize::from(stood);
+        }
+    }
+    // 7 with the tree in the program; it does not cover all of the box.
+    assert!(stands >= 6, "{stands} of 12");
+    // In its basin balance is the law, and hands over to nothing.
+    let (stood, used) = recovers(&mut tree, Leg::Inner, [0.02, 0.05, -0.02, 0.1]);
+    assert!(stood && !used);
+}
+
+#[test]
+fn tree_law_is_mirrored_finite_and_does_not_hide_what_is_not() {
+    let mut c = controller("lqr_tree");
+    for x in states() {
+        for leg in [Leg::Inner, Leg::Outer] {
+            let mut ask = |x: [f64; 4]| {
+                c.reset(Stamp(0), &state(leg, x));
+                torque(&mut c, &state(leg, x))
+            };
+            let (one, other) = (ask(x), ask(x.map(|v| -v)));
+            assert!(one.is_finite() && (one + other).abs() <= 1e-9 * one.abs(), "{x:?} {one} {other}");
+        }
+    }
+    assert!(!torque(&mut c, &state(Leg::Inner, [f64::NAN, 0.0, 0.0, 0.0])).is_finite());
+}
+
+#[test]
+fn supervisor_recovers_along_the_tree_and_stands_again() {
+    let keys = ["control.controller=walk", "control.walk.recover=true", "control.walk.speed_m_s=0.0"];
+    let mut c = Controller::new(&config(&keys)).unwrap();
+    let (stood, used) = recovers(&mut c, Leg::Inner, [-0.05, 0.1, -0.5, 0.5]);
+    assert!(stood && used && c.state().motion == Motion::Stand);
+}
+
+#[test]
+fn tree_of_another_model_is_refused_by_name() {
+    let keys = ["control.controller=lqr_tree".to_owned(), "robot.model.c4.value=0.1152".to_owned()];
+    let error = Controller::new(&load(None, &keys).unwrap().config).unwrap_err().to_string();
+    assert!(error.contains("control.tree") && error.contains("another model"), "{error}");
+    // The recorded configuration holds the tree.
+    let one = load(None, &["control.controller=lqr_tree".to_owned()]).unwrap();
+    assert!(one.text.contains("compass-tree-1") && !load(None, &[]).unwrap().text.contains("compass-tree-1"));
+}

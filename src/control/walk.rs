@@ -5,12 +5,15 @@
 //!   Stand ───────────────────> StepIn ─────────────────> Walk ───────────────────────> Stop ─────────────────────> Rest
 //!   (LQR)                      (foot placement)            (the walking law)           (long steps)    (no torque)
 //! ```
+//! Standing out of the basin of balance, it recovers along the LQR-tree if it has one, and stands again:
+//! Stand, Recover (up to two steps), Stand.
 //! With a one-step rebalance (TVLQR) in the place of a walking law: Stand, StepIn, Stand on the other leg.
 
 use super::balance::Balance;
 use super::foot_placement::Wish;
 use super::gait::Gait;
 use super::hold::Hold;
+use super::lqr_tree::LqrTree;
 use super::pendulum::energy;
 use super::{ControllerError, ToeLengths};
 use crate::base::time::{Span, Stamp};
@@ -38,6 +41,7 @@ pub(super) struct Walk {
     last: Stamp,
     /// When the legs were last seen to move.
     moved: Stamp,
+    recovery: Option<LqrTree>,
 }
 
 impl Walk {
@@ -61,11 +65,15 @@ impl Walk {
             first_swing_rad: -config.control.foot_placement.first_back_rad,
             last: Stamp::NEVER,
             moved: Stamp::NEVER,
+            recovery: if config.control.walk.recover { Some(LqrTree::new(config)?) } else { None },
         })
     }
 
     /// On arming.
-    pub(super) fn reset(&mut self, now: Stamp) {
+    pub(super) fn reset(&mut self, now: Stamp, e: &Estimate) {
+        if let Some(recovery) = &mut self.recovery {
+            recovery.reset(now, e);
+        }
         self.motion = Motion::Stand;
         self.since = now;
         self.last = now;
@@ -89,6 +97,9 @@ impl Walk {
             self.moved = now;
         }
         self.change(now, e, speed_m_s);
+        if let Some(answer) = self.recover(now, e, seen) {
+            return answer;
+        }
         let (wish, law) = match self.motion {
             Motion::Rest => (self.rest(now, e), LawName::Hold),
             Motion::Stand => {
@@ -109,6 +120,28 @@ impl Walk {
             swing_goal_rad: wish.swing_goal_rad,
         };
         (wish, state)
+    }
+
+    /// What the tree says where balance does not recover; `None` where it does, and while it walks.
+    fn recover(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) -> Option<(Wish, ControlState)> {
+        let recovers = self.motion == Motion::Recover;
+        if !recovers && self.motion != Motion::Stand {
+            return None;
+        }
+        let pose = self.balance.pose(e.stance, self.swing_rad);
+        let recovery = self.recovery.as_mut()?;
+        if !recovers {
+            if !recovery.is_needed(e, [pose.stance_rad, self.swing_rad]) {
+                return None;
+            }
+            recovery.reset(now, e);
+        }
+        let (wish, state) = recovery.step(now, e, seen);
+        self.motion = state.motion;
+        // It stands about upright; the swing leg goes back from there.
+        self.swing_rad = 0.0;
+        self.moved = now;
+        Some((wish, state))
     }
 
     fn change(&mut self, now: Stamp, e: &Estimate, speed_m_s: f64) {

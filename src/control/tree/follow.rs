@@ -49,7 +49,9 @@ pub struct Step {
 }
 
 /// Balance is left only when its cost has grown by this factor over the level at which it began.
-const LEAVE: f64 = 1.5;
+const LEAVE: f64 = 1.2;
+/// Another branch must be better by this factor: two that are about as far would take turns.
+const BETTER: f64 = 0.5;
 /// Shortest time between two look-ups, s.
 const LOOK_EVERY_S: f64 = 0.02;
 /// A place moves by so much of the clock's pace at most, against it too.
@@ -80,9 +82,9 @@ impl Follower {
         self.advance(tree, x, stance, dt_s);
         let here = self.place.and_then(|place| Some((place, tree.at(&place)?)));
         let share = here.map_or(f64::INFINITY, |(_, node)| node.share(x));
-        if !(share <= 1.0) && self.looked_s >= LOOK_EVERY_S {
+        if (share > 1.0 || share.is_nan()) && self.looked_s >= LOOK_EVERY_S {
             self.looked_s = 0.0;
-            if let Some(found) = tree.scan(stance).best(x).filter(|found| found.share < share) {
+            if let Some(found) = tree.scan(stance).best(x).filter(|found| found.share < BETTER * share) {
                 self.place = tree.branches.get(found.branch as usize).map(|branch| Place {
                     branch: found.branch,
                     mirrored: found.mirrored,

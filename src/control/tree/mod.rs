@@ -7,6 +7,7 @@
 //!
 //! | file | what |
 //! |---|---|
+//! | [`cone`] | the torque that the stance foot can bear |
 //! | [`mod@file`] | the tree as a file |
 //! | [`scan`] | the nearest node among thousands: exact, by all of a processor's lanes |
 //! | [`follow`] | along a branch, over touchdowns, and back to a node when it is left |
@@ -14,6 +15,7 @@
 //! States are `[θs, θw, θ̇s, θ̇w]`, stance leg first, torques net and divided by `m_t l²`.
 //! RT: look-up and following yes, no allocation; reading before arming only.
 
+pub mod cone;
 pub mod file;
 pub mod follow;
 pub mod scan;

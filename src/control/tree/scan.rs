@@ -109,7 +109,7 @@ impl Scan {
         let mut out: Vec<Found> = Vec::new();
         for (k, block) in self.blocks.iter().enumerate() {
             for (lane, share) in evaluate(block, &p).into_iter().enumerate() {
-                let far = out.len() == count && out.last().is_some_and(|last| !(share < last.share));
+                let far = out.len() == count && out.last().is_some_and(|last| share >= last.share || share.is_nan());
                 let (false, Some(&(branch, node))) = (far, self.names.get(k * LANES + lane)) else { continue };
                 let mirrored = odd(block, &p, lane).is_some_and(|odd| odd > 0.0);
                 match out.iter().position(|found| found.branch == branch) {
@@ -137,9 +137,8 @@ impl Scan {
         if lane == 0 {
             // Lanes without a node are infinitely far.
             let mut terms = [[0.0; LANES]; TERMS];
-            if let [.., constant] = &mut terms {
-                *constant = [f64::INFINITY; LANES];
-            }
+            let [.., constant] = &mut terms;
+            *constant = [f64::INFINITY; LANES];
             self.blocks.push(Block { terms });
         }
         if let Some(block) = self.blocks.last_mut() {

@@ -4,6 +4,7 @@
 //! lands when its toe is out, which the law decides. Integration: RK4, 4 ms, about the robot's own delay.
 
 use super::{Ground, State, side};
+use crate::control::tree::cone::bearable;
 use crate::control::tree::follow::{Action, Follower};
 use crate::control::tree::{Place, Tree, cost};
 use crate::model::compass_gait::dynamics::{acceleration_without_friction, friction};
@@ -14,6 +15,8 @@ use crate::msg::Leg;
 pub const STEP_S: f64 = 0.004;
 /// Longest time to upright, s.
 const LONGEST_S: f64 = 5.0;
+/// Share of the floor's friction that the law counts on, its plans on all of it.
+const BEARS: f64 = 0.9;
 /// Most touchdowns.
 const MOST_STEPS: u32 = 4;
 /// The stance leg leans so far: it has fallen, rad.
@@ -99,11 +102,13 @@ fn note(tree: &Tree, place: &Place, x: &State, passed: &mut Vec<Passed>) {
     }
 }
 
-/// Net torque that the motor's limit leaves of the one wanted.
+/// Net torque that the foot and the motor's limit leave of the one wanted.
 fn limited(ground: &Ground, x: &State, stance: Leg, wanted: f64) -> f64 {
     let most = ground.torque_limit();
     let compensation = -ground.terms.compensation * friction(ground.model(stance), x[2] - x[3]);
-    (wanted + compensation).clamp(-most, most) - compensation
+    let mu = BEARS * ground.terms.friction;
+    let borne = bearable(ground.model(stance), x, mu, wanted);
+    (borne + compensation).clamp(-most, most) - compensation
 }
 
 /// One step, or less of it if the swing foot lands: then the time is negative. `drawn_m`: the toe is in by so much, and
