@@ -230,8 +230,9 @@ impl World for GroundWorld {
         }
     }
 
+    /// In the hand it is still: it gets its initial rates as the hand lets go.
     fn reading(&self) -> Reading {
-        self.shown
+        if self.held { Reading { leg_rate_rad_s: [0.0; 2], ..self.shown } } else { self.shown }
     }
 }
 
