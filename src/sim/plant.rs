@@ -149,6 +149,7 @@ impl Plant {
         self.world_time = now;
         self.next_drive_tick = now;
         self.troubles.start_at(now);
+        self.pushes.start_at(now);
         self.boot_drives(now);
     }
 

@@ -10,6 +10,8 @@ const STREAM: u64 = 0x7075_7368;
 /// The pushes to come, in order of time.
 #[derive(Clone, Debug)]
 pub struct Pushes {
+    /// When the robot was switched on.
+    start: Stamp,
     listed: std::vec::IntoIter<Push>,
     random: Option<(RandomPushes, Noise)>,
     next_listed: Option<Push>,
@@ -26,13 +28,18 @@ impl Pushes {
         let mut random = simulation.random_pushes.map(|r| (r, Noise::new(simulation.seed ^ STREAM)));
         let next_listed = listed.next();
         let next_random = random.as_mut().map(|(r, noise)| drawn(r, noise, r.from_s));
-        Self { listed, random, next_listed, next_random, given: 0, last: None }
+        Self { start: Stamp::default(), listed, random, next_listed, next_random, given: 0, last: None }
+    }
+
+    /// Their times count from here.
+    pub fn start_at(&mut self, start: Stamp) {
+        self.start = start;
     }
 
     /// When the next one is due.
     #[must_use]
     pub fn next_time(&self) -> Option<Stamp> {
-        self.earliest().map(|push| at(&push))
+        self.earliest().map(|push| self.at(&push))
     }
 
     /// Takes the next one; says its impulse, N s.
@@ -44,7 +51,7 @@ impl Pushes {
             self.next_random = Some(drawn(random, noise, push.time_s));
         }
         self.given += 1;
-        self.last = Some((at(&push), push.impulse_ns));
+        self.last = Some((self.at(&push), push.impulse_ns));
         Some(push.impulse_ns)
     }
 
@@ -60,16 +67,16 @@ impl Pushes {
         self.last
     }
 
+    fn at(&self, push: &Push) -> Stamp {
+        self.start + Span::from_s(push.time_s)
+    }
+
     fn earliest(&self) -> Option<Push> {
         match (self.next_listed, self.next_random) {
             (Some(a), Some(b)) => Some(if b.time_s < a.time_s { b } else { a }),
             (a, b) => a.or(b),
         }
     }
-}
-
-fn at(push: &Push) -> Stamp {
-    Stamp::default() + Span::from_s(push.time_s)
 }
 
 /// The next one after `from_s`: waiting times of a Poisson process are exponential.
@@ -94,6 +101,14 @@ mod tests {
         assert_eq!(p.next_time(), Some(Stamp(1_000_000_000)));
         assert_eq!([p.take(), p.take(), p.take()], [Some(-2.0), Some(1.0), None]);
         assert_eq!((p.given(), p.last()), (2, Some((Stamp(3_000_000_000), 1.0))));
+    }
+
+    /// The robot of `compass plant` lives by the computer's clock: all its pushes came at once when it was switched on.
+    #[test]
+    fn times_count_from_switching_on() {
+        let mut p = pushes(&["sim.pushes=[{time_s=3.0, impulse_ns=1.0}]"]);
+        p.start_at(Stamp(50_000_000_000));
+        assert_eq!(p.next_time(), Some(Stamp(53_000_000_000)));
     }
 
     #[test]
