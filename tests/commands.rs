@@ -40,6 +40,19 @@ fn simulated_run_is_recorded_and_replays_to_the_bit() {
     assert!(stdout.contains("first difference: tick") && stdout.contains("wanted.hip_torque_nm"), "{stdout}");
 }
 
+#[test]
+fn faults_are_listed_and_injected_and_what_is_misspelt_is_told() {
+    let (code, stdout, _) = compass(&["sim", "--fault", "list"]);
+    assert_eq!((code, stdout.lines().count()), (0, 64));
+    for (fault, told) in [("bus_of@3", "nearest: bus_off"), ("disk_full@3", "but in guest"), ("boot_up@3:bus=1", "bus")]
+    {
+        let (code, _, stderr) = compass(&["sim", "--fault", fault]);
+        assert!(code == 2 && stderr.contains(told), "{fault}: {stderr}");
+    }
+    let (code, stdout, _) = compass(&["sim", "--for", "4", "--fault", "emergency@3"]);
+    assert!(code == 1 && stdout.contains("first fault DriveFault"), "{stdout}");
+}
+
 /// The recording in `folder`.
 fn recording(folder: &Path) -> String {
     let files = fs::read_dir(folder).unwrap().map(|f| f.unwrap().path().to_str().unwrap().to_owned());
