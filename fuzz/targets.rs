@@ -21,7 +21,7 @@ use compass::sensor::operator::remote::packet::Key;
 use compass::sensor::operator::remote::receiver::Receiver;
 use compass::sensor::operator::remote::sender::Sender;
 use compass::sensor::operator::socket::SocketHand;
-use compass::sensor::{mip, vicon};
+use compass::sensor::{mip, scip, vicon};
 use std::cell::RefCell;
 use std::io::Cursor;
 use std::net::SocketAddr;
@@ -43,6 +43,7 @@ pub const TARGETS: &[Target] = &[
     ("operator_socket", operator_socket, &[&[1], &[0], &[2, 0, 0, 0, 0, 0, 0, 0xD0, 0x3F]]),
     ("remote", remote, &[b"CGR1\x01", b"CGR1\x03"]),
     ("watch_socket", watch_socket, &[b"COMPASS1\0\0\0\0\0\0\0\0\x02\0\0\0ab\x05\0\0\0\0"]),
+    ("scip", scanner, &[b"MD0000108001000\n99b\n0000@\n", b"PP\n00P\nDMIN:23;7\n\n"]),
     ("natnet", natnet_frame, &[b"\x07\0\x04\0\x01\0\0\0"]),
     ("vicon", vicon_block, &[&[1, 0, 0, 0, 1, 0, 72, 0]]),
 ];
@@ -187,6 +188,18 @@ pub fn watch_socket(bytes: &[u8]) {
             }
         }
     }
+}
+
+/// A laser scanner, or anything.
+pub fn scanner(bytes: &[u8]) {
+    let (mut reader, mut parameters) = (scip::Reader::default(), scip::Parameters::default());
+    for byte in bytes {
+        reader.push(*byte, |line| {
+            parameters.take(line);
+        });
+    }
+    assert!(!parameters.is_sound() || parameters.angle_rad(parameters.last).is_finite());
+    assert!(reader.scan().count <= scip::STEPS);
 }
 
 /// Datagrams of motion capture.

@@ -8,6 +8,7 @@
 //! | [`imu`] | start-up of the stream, bytes to samples |
 //! | [`operator`] | the dead-man switch: simulated, a UNIX socket, an input device, a network |
 //! | [`mocap`], [`natnet`], [`vicon`] | ground truth of motion capture, for recordings |
+//! | [`scip`] | Hokuyo SCIP 2: bytes of a laser scanner to scans; the link and the ground line are missing |
 //! | [`serial`] | the serial line, which never waits |
 //!
 //! RT: yes, but opening a line is for before arming.
@@ -29,5 +30,6 @@ pub mod mip;
 pub mod mocap;
 pub mod natnet;
 pub mod operator;
+pub mod scip;
 pub mod serial;
 pub mod vicon;

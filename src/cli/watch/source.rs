@@ -22,7 +22,9 @@ pub(super) enum Source {
 
 /// The robot of this name, or the only one.
 pub(super) fn in_shared_memory(name: Option<&str>) -> anyhow::Result<Source> {
-    let found = robots_with(&topic::TICK)?;
+    let found = robots_with(&topic::TICK).with_context(|| {
+        format!("the channels here belong to another user; as a member of its group: --socket {SERVICE_SOCKET}")
+    })?;
     let name = match (name, found.robots.as_slice()) {
         (Some(name), _) => name,
         (None, [only]) => only,

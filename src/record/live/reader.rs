@@ -16,7 +16,7 @@ const CHUNK: usize = 1 << 16;
 #[derive(Debug, thiserror::Error)]
 pub enum LiveError {
     /// The socket.
-    #[error("the connection is gone")]
+    #[error("cannot be read")]
     Io(#[from] io::Error),
     /// No such stream.
     #[error(transparent)]
