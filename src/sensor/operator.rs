@@ -5,7 +5,7 @@
 //! input device, [`remote`] hears one behind a network; [`SimulatedHand`] is a program that does what a person would. RT: [`Hand::poll`] never waits and does not allocate.
 
 pub mod aside;
-mod device;
+pub mod device;
 pub mod evdev;
 pub mod remote;
 pub mod socket;

@@ -118,7 +118,7 @@ impl Lockstep {
 
     fn act(&mut self) -> &TickRecord {
         let hand = self.hand.poll(self.input.now, &self.record.status);
-        self.input.operator = self.outside.hand(hand, &self.input.operator);
+        self.input.operator = self.outside.hand(hand);
         let input = self.input;
         self.walk(&input)
     }

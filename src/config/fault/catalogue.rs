@@ -167,7 +167,7 @@ catalogue! {
     MocapClockJump "mocap_clock_jump" Mocap [Sim] "" [] "the server's clock jumps"
 
     JoystickUnplugged "joystick_unplugged" Joystick [Sim] "for=500ms" [] "the device is gone, then back"
-    JoystickDropped "joystick_dropped" Joystick [Sim] "" [] "SYN_DROPPED: events were lost, the release among them"
+    JoystickDropped "joystick_dropped" Joystick [Sim] "for=500ms" [] "SYN_DROPPED: events were lost, the release among them"
     JoystickHeldAtStart "joystick_held_at_start" Joystick [Sim] "" [] "the key is held when the program starts"
     JoystickAxisStuck "joystick_axis_stuck" Joystick [Sim] "for=1s" [] "an axis is stuck at its end"
     JoystickWirelessHold "joystick_wireless_hold" Joystick [Sim] "for=1s" [] "the receiver repeats the last state of a dead link"

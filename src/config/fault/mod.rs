@@ -131,11 +131,6 @@ impl Injection {
         Err(format!("NAME: {} cannot be injected in {}, but in {}", self.entry.name, place.name(), places.join(", ")))
     }
 
-    /// Any dead-man switch can go, and be held; the others are a joystick's.
-    const fn is_of_any_switch(&self) -> bool {
-        matches!(self.entry.fault, FaultName::JoystickUnplugged | FaultName::JoystickHeldAtStart)
-    }
-
     /// Whether this robot has what the fault is a fault of.
     ///
     /// # Errors
@@ -149,7 +144,6 @@ impl Injection {
         };
         let needs = |what: &str| Err(format!("{name}: this robot has no {what}"));
         match (self.entry.device, protocol) {
-            (Device::Joystick, _) if !self.is_of_any_switch() => needs("joystick"),
             (Device::Canopen, DriveProtocol::Cia402(_))
             | (Device::Mit, DriveProtocol::Mit(_))
             | (Device::Odrive, DriveProtocol::Odrive(_))

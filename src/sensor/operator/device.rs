@@ -63,18 +63,18 @@ fn look_at(device: &InputDevice, config: &OperatorDevice) -> io::Result<Look> {
 
 /// What the device shows in one look.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Look {
+pub struct Look {
     /// The dead-man key is down.
-    held: bool,
+    pub held: bool,
     /// The key that confirms the hip's zero is down.
-    zero: bool,
+    pub zero: bool,
     /// Where the axis of the heartbeat stands.
-    axis: Option<i32>,
+    pub axis: Option<i32>,
 }
 
 /// Judges what the looks mean.
 #[derive(Clone, Copy, Debug)]
-struct Watch {
+pub struct Watch {
     heartbeat: Option<Heartbeat>,
     sample: OperatorSample,
     /// The key was not seen released since the last doubt.
@@ -85,13 +85,15 @@ struct Watch {
 }
 
 impl Watch {
-    fn new(heartbeat: Option<Heartbeat>) -> Self {
+    /// Nothing was seen yet: in doubt.
+    #[must_use]
+    pub fn new(heartbeat: Option<Heartbeat>) -> Self {
         let sample = OperatorSample { stamp: Stamp::NEVER, ..OperatorSample::default() };
         Self { heartbeat, sample, doubt: true, moved: None, zero_was_down: true }
     }
 
     /// The hand after this look; `None`: the device is gone. A hand that does not live grows old.
-    fn take(&mut self, now: Stamp, look: Option<Look>) -> OperatorSample {
+    pub fn take(&mut self, now: Stamp, look: Option<Look>) -> OperatorSample {
         let Some(look) = look.filter(|look| self.lives(now, look)) else {
             (self.doubt, self.zero_was_down, self.sample.dead_man) = (true, true, false);
             return self.sample;

@@ -160,7 +160,7 @@ mod tests {
     }
     use Expected::{NotArmed, Stops, Tolerated};
     use FaultCode::{
-        BusUnhealthy, DriveFault, DriveNotEnabled, DriveStale, ImuStale, OperatorStale, OutOfRange, Overrun,
+        BusUnhealthy, DeadManReleased, DriveFault, DriveStale, ImuStale, OperatorStale, OutOfRange, Overrun,
     };
 
     /// The drive's own watchdog, for what no command can reach any more.
@@ -216,7 +216,10 @@ mod tests {
         ("imu_wrong_baud", Stops(&[ImuStale], 33, 35)),
         ("imu_nan", Stops(&[ImuStale], 33, 35)),
         ("imu_replug", Stops(&[ImuStale], 33, 35)),
-        ("joystick_unplugged", Stops(&[OperatorStale], 103, 105)),
+        ("joystick_unplugged", Stops(&[DeadManReleased, OperatorStale], 12, 15)),
+        ("joystick_dropped", Stops(&[DeadManReleased], 12, 15)),
+        ("joystick_axis_stuck", Stops(&[DeadManReleased], 72, 75)),
+        ("joystick_wireless_hold", Stops(&[DeadManReleased], 72, 75)),
         ("joystick_held_at_start", NotArmed),
         ("step_overrun many", Stops(&[Overrun], 1000, 1005)),
         ("step_overrun once", Tolerated),
