@@ -86,7 +86,7 @@ fn shaken_by_leader(all: &Selection, context: &Context) -> Option<Hypothesis> {
 }
 
 /// `trial` out of the false minimum that it may have come into, where more than noise stays; its gain over `now` follows.
-fn unstuck(now: &Hypothesis, mut trial: Trial, context: &Context, said: &mut impl FnMut(&str)) -> Trial {
+fn unstuck(now: &Hypothesis, mut trial: Trial, context: &Context, said: &mut dyn FnMut(&str)) -> Trial {
     if !is_misfit(&trial.hypothesis.residuals, &context.floors) {
         return trial;
     }
@@ -134,113 +134,185 @@ fn anew_from(given: &Rig, all: &mut Selection, context: &Context) -> bool {
 pub fn forward(
     (given, base): (&Rig, &Hypothesis),
     also: Option<&Hypothesis>,
-    mut library: impl FnMut(&Hypothesis) -> Vec<Candidate>,
+    library: impl Fn(&Hypothesis) -> Vec<Candidate>,
     context: &Context,
     mut said: impl FnMut(&str),
 ) -> Selection {
-    let (added, last) = (Vec::new(), Vec::new());
-    let mut all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
-    let (mut explained, mut restarts, mut last_cost) = (0.0, 0, 0);
-    // What rounds cost that only freed the base from a false minimum.
-    let mut in_vain = 0;
-    let mut stood: Vec<Trial> = Vec::new();
+    let said: &mut dyn FnMut(&str) = &mut said;
+    let mut search = Search::from(given, base, also, &library, context);
     loop {
-        let spent = all.found.problem.effort.spent();
-        let earlier = std::mem::take(&mut stood);
-        // Another round begins only if it should end in time, by what the last one took: an answer with fewer effects is
-        // better than none.
-        if last_cost > 0 && spent + last_cost > MOST_EFFORT + in_vain {
-            if earlier.is_empty() {
-                let is_quick = context.samples < QUICK;
-                all.cut_short = !(is_quick && promises_little(&all.found, &library(&all.found), context));
-                said(if all.cut_short {
-                    "no time for another round"
-                } else {
-                    "nothing promises enough for another round"
-                });
-                all.last = Vec::new();
-                return all;
-            }
-            said("no time for another round");
-            all.cut_short = true;
-            // What was fitted on top of a worse base stands all the same.
-            all.last = merged(&all.found, Vec::new(), earlier, context);
-        } else {
-            let candidates = library(&all.found);
-            said(&format!("{} candidates", candidates.len()));
-            all.last = round(&all.found, (&all.found, earlier), &candidates, context, &mut said);
-            last_cost = all.found.problem.effort.spent() - spent;
-            if let Some(also) = also.filter(|_| all.added.is_empty()) {
-                said("the same from the numbers as given");
-                let more = round(also, (&all.found, Vec::new()), &library(also), context, &mut said);
-                all.last = merged(&all.found, std::mem::take(&mut all.last), more, context);
-            }
+        if !search.next_round(said) {
+            return search.all;
         }
-        tell(&all.last, context, &mut said);
-        let local = all.added.iter().filter(|a| is_local_here(&all.found, &a.candidate)).count();
-        if all.added.len() >= MOST || local >= LOCAL_TERMS {
-            return all;
+        tell(&search.all.last, context, said);
+        if search.is_full() {
+            return search.all;
         }
-        order_by_penalised_gain(&mut all.last, context);
+        order_by_penalised_gain(&mut search.all.last, context);
         // Before the recordings left out are asked: what they say of a false minimum is as false.
-        let mut shaken = shaken_by_leader(&all, context).filter(|_| restarts < RESTARTS);
-        if shaken.is_some() && all.added.is_empty() && anew_from(given, &mut all, context) {
-            said("   fitted anew from the numbers as given");
-            tell(&all.last, context, &mut said);
-            order_by_penalised_gain(&mut all.last, context);
-            shaken = shaken_by_leader(&all, context);
-        }
-        if let Some(better) = shaken {
-            said(&format!("   {} only shook the fit free: again from there", all.last[0].candidate.effect));
-            restarts += 1;
-            in_vain += last_cost;
-            stood = std::mem::take(&mut all.last);
-            all.go_on_from(better);
+        if search.is_freed_by_leader(said) {
             continue;
         }
         let left_out = OnceCell::new();
-        let mut asked = 0..all.last.len().min(TRIED);
-        let told = |i: &usize| {
-            let (trial, rivals) = (&all.last[*i], &all.last[..]);
-            !has_unresolved_order(&all.found, trial, rivals, context) && !is_piece_of_vibration(trial, rivals, context)
-        };
-        let accepted = asked.find(|i| {
-            let trial = (&all.last[*i], &all.last[..]);
-            let hypothesis = &trial.0.hypothesis;
-            let kept = || {
-                let left_out = left_out.get_or_init(|| LeftOut::of(&all.found, &context.floors)).as_ref();
-                left_out.and_then(|l| l.kept_by(hypothesis, &context.floors))
-            };
-            told(i) && is_accepted(&all.found, trial, explained, kept, context, &mut said)
-        });
-        let Some(i) = accepted else {
-            let time_is_left = all.found.problem.effort.spent() + last_cost <= MOST_EFFORT + in_vain;
-            let left_out = left_out.get().and_then(Option::as_ref).filter(|_| all.added.is_empty() && time_is_left);
-            let Some(pair) = left_out.and_then(|l| in_company(&all, &mut library, l, context, &mut said)) else {
-                return all;
-            };
-            for trial in pair {
-                all.last.retain(|t| !t.candidate.is_same_as(&trial.candidate));
-                explained += trial.gain;
-                all.add(trial, context);
+        match search.accepted(&left_out, said) {
+            Some(i) if i > 0 && search.is_freed_by(i, said) => {}
+            Some(i) => search.add(i, said),
+            None => {
+                let left_out = left_out.get().and_then(Option::as_ref);
+                if !search.adds_pair(left_out, said) {
+                    return search.all;
+                }
             }
-            continue;
-        };
-        if i > 0
-            && restarts < RESTARTS
-            && let Some(better) = shaken_free(&all.found, &all.last[i], context)
-        {
-            said(&format!("   {} only shook the fit free: again from there", all.last[i].candidate.effect));
-            restarts += 1;
-            in_vain += last_cost;
-            stood = std::mem::take(&mut all.last);
-            all.go_on_from(better);
-            continue;
         }
-        let best = unstuck(&all.found, all.last.remove(i), context, &mut said);
-        explained += best.gain;
-        all.add(best, context);
-        all.found = reconsidered(all.found, &mut all.added, context, &mut said);
+    }
+}
+
+/// A forward selection on its way.
+struct Search<'s> {
+    given: &'s Rig,
+    also: Option<&'s Hypothesis>,
+    library: &'s dyn Fn(&Hypothesis) -> Vec<Candidate>,
+    context: &'s Context,
+    all: Selection,
+    /// Gain of what was added.
+    explained: f64,
+    restarts: usize,
+    last_cost: u64,
+    /// What rounds cost that only freed the base from a false minimum.
+    in_vain: u64,
+    /// Trials on top of a worse base.
+    stood: Vec<Trial>,
+}
+
+impl<'s> Search<'s> {
+    fn from(
+        given: &'s Rig,
+        base: &Hypothesis,
+        also: Option<&'s Hypothesis>,
+        library: &'s dyn Fn(&Hypothesis) -> Vec<Candidate>,
+        context: &'s Context,
+    ) -> Self {
+        let (added, last) = (Vec::new(), Vec::new());
+        let all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
+        let (explained, restarts, last_cost, in_vain, stood) = (0.0, 0, 0, 0, Vec::new());
+        Self { given, also, library, context, all, explained, restarts, last_cost, in_vain, stood }
+    }
+
+    fn spent(&self) -> u64 {
+        self.all.found.problem.effort.spent()
+    }
+
+    /// True if another round should end in time, by what the last one took: an answer with fewer effects is better than none.
+    fn has_time(&self) -> bool {
+        self.spent() + self.last_cost <= MOST_EFFORT + self.in_vain
+    }
+
+    /// Another round on top of what was found; false where that ends the search.
+    fn next_round(&mut self, said: &mut dyn FnMut(&str)) -> bool {
+        let earlier = std::mem::take(&mut self.stood);
+        if self.last_cost > 0 && !self.has_time() {
+            return self.ends_early(earlier, said);
+        }
+        let spent = self.spent();
+        let candidates = (self.library)(&self.all.found);
+        said(&format!("{} candidates", candidates.len()));
+        self.all.last = round(&self.all.found, (&self.all.found, earlier), &candidates, self.context, &mut *said);
+        self.last_cost = self.spent() - spent;
+        if let Some(also) = self.also.filter(|_| self.all.added.is_empty()) {
+            said("the same from the numbers as given");
+            let more = round(also, (&self.all.found, Vec::new()), &(self.library)(also), self.context, &mut *said);
+            self.all.last = merged(&self.all.found, std::mem::take(&mut self.all.last), more, self.context);
+        }
+        true
+    }
+
+    /// No time for another round: what was fitted on top of a worse base stands all the same, if there is anything.
+    fn ends_early(&mut self, earlier: Vec<Trial>, said: &mut dyn FnMut(&str)) -> bool {
+        let is_left = !earlier.is_empty();
+        let is_quick = self.context.samples < QUICK;
+        let is_vain = || promises_little(&self.all.found, &(self.library)(&self.all.found), self.context);
+        let is_done = !is_left && is_quick && is_vain();
+        said(if is_done { "nothing promises enough for another round" } else { "no time for another round" });
+        self.all.cut_short = !is_done;
+        self.all.last = if is_left { merged(&self.all.found, Vec::new(), earlier, self.context) } else { Vec::new() };
+        is_left
+    }
+
+    /// True if nothing may be added.
+    fn is_full(&self) -> bool {
+        let local = self.all.added.iter().filter(|a| is_local_here(&self.all.found, &a.candidate)).count();
+        self.all.added.len() >= MOST || local >= LOCAL_TERMS
+    }
+
+    /// True if the leader only freed the fit from a false minimum; the search then goes on from there.
+    fn is_freed_by_leader(&mut self, said: &mut dyn FnMut(&str)) -> bool {
+        let mut shaken = shaken_by_leader(&self.all, self.context).filter(|_| self.restarts < RESTARTS);
+        if shaken.is_some() && self.all.added.is_empty() && anew_from(self.given, &mut self.all, self.context) {
+            said("   fitted anew from the numbers as given");
+            tell(&self.all.last, self.context, said);
+            order_by_penalised_gain(&mut self.all.last, self.context);
+            shaken = shaken_by_leader(&self.all, self.context);
+        }
+        let Some(better) = shaken else { return false };
+        self.go_on_from(better, 0, said);
+        true
+    }
+
+    /// The same for candidate `i` of the round.
+    fn is_freed_by(&mut self, i: usize, said: &mut dyn FnMut(&str)) -> bool {
+        if self.restarts >= RESTARTS {
+            return false;
+        }
+        let Some(better) = shaken_free(&self.all.found, &self.all.last[i], self.context) else { return false };
+        self.go_on_from(better, i, said);
+        true
+    }
+
+    fn go_on_from(&mut self, better: Hypothesis, i: usize, said: &mut dyn FnMut(&str)) {
+        said(&format!("   {} only shook the fit free: again from there", self.all.last[i].candidate.effect));
+        self.restarts += 1;
+        self.in_vain += self.last_cost;
+        self.stood = std::mem::take(&mut self.all.last);
+        self.all.go_on_from(better);
+    }
+
+    /// The first of the best candidates of the round that is accepted. `left_out`: made when needed.
+    fn accepted(&self, left_out: &OnceCell<Option<LeftOut>>, said: &mut dyn FnMut(&str)) -> Option<usize> {
+        let (now, all, context) = (&self.all.found, &self.all.last[..], self.context);
+        (0..all.len().min(TRIED)).find(|i| {
+            let trial = &all[*i];
+            let kept = || {
+                let left_out = left_out.get_or_init(|| LeftOut::of(now, &context.floors)).as_ref();
+                left_out.and_then(|l| l.kept_by(&trial.hypothesis, &context.floors))
+            };
+            !has_unresolved_order(now, trial, all, context)
+                && !is_piece_of_vibration(trial, all, context)
+                && is_accepted(now, (trial, all), self.explained, kept, context, said)
+        })
+    }
+
+    /// Adds candidate `i` of the round, and asks those before it again.
+    fn add(&mut self, i: usize, said: &mut dyn FnMut(&str)) {
+        let best = self.all.last.remove(i);
+        let best = unstuck(&self.all.found, best, self.context, said);
+        self.explained += best.gain;
+        self.all.add(best, self.context);
+        let found = self.all.found.clone();
+        self.all.found = reconsidered(found, &mut self.all.added, self.context, said);
+    }
+
+    /// True if two candidates that hide each other were added together.
+    fn adds_pair(&mut self, left_out: Option<&LeftOut>, said: &mut dyn FnMut(&str)) -> bool {
+        let left_out = left_out.filter(|_| self.all.added.is_empty() && self.has_time());
+        let Some(pair) = left_out.and_then(|l| in_company(&self.all, self.library, l, self.context, said)) else {
+            return false;
+        };
+        for trial in pair {
+            self.all.last.retain(|t| !t.candidate.is_same_as(&trial.candidate));
+            self.explained += trial.gain;
+            self.all.add(trial, self.context);
+        }
+        true
     }
 }
 
@@ -251,10 +323,10 @@ const COMPANIONS: usize = 3;
 /// at a time, like nothing that is true (an offset beside friction that falls with speed). Both together must leave but noise.
 fn in_company(
     all: &Selection,
-    mut library: impl FnMut(&Hypothesis) -> Vec<Candidate>,
+    library: &dyn Fn(&Hypothesis) -> Vec<Candidate>,
     left_out: &LeftOut,
     context: &Context,
-    mut said: impl FnMut(&str),
+    said: &mut dyn FnMut(&str),
 ) -> Option<[Trial; 2]> {
     let mut leaders: Vec<&Trial> = Vec::new();
     for trial in all.last.iter().filter(|t| is_far_beyond_chance(t.gain, t.candidate.keys.len(), context)) {
@@ -274,8 +346,8 @@ fn in_company(
             return None;
         }
         said(&format!("   with {}@{} for company", leader.candidate.effect, leader.candidate.at));
-        let mut seconds = round(now, (now, Vec::new()), &library(now), context, &mut said);
-        tell(&seconds, context, &mut said);
+        let mut seconds = round(now, (now, Vec::new()), &library(now), context, &mut *said);
+        tell(&seconds, context, said);
         order_by_penalised_gain(&mut seconds, context);
         let Some(second) = seconds.first().filter(|s| !is_misfit(&s.hypothesis.residuals, &context.floors)) else {
             continue;
@@ -283,7 +355,7 @@ fn in_company(
         let kept = left_out.kept_by(&second.hypothesis, &context.floors).unwrap_or(0.0);
         said(&format!("   with {} both keep {kept:.2} of their gain on recordings left out", second.candidate.effect));
         let alone = || LeftOut::of(now, &context.floors)?.kept_by(&second.hypothesis, &context.floors);
-        if kept >= KEPT && is_accepted(now, (second, &seconds), leader.gain, alone, context, &mut said) {
+        if kept >= KEPT && is_accepted(now, (second, &seconds), leader.gain, alone, context, said) {
             return Some([leader.clone(), second.clone()]);
         }
     }
@@ -291,7 +363,7 @@ fn in_company(
 }
 
 /// Says how the candidates of a round did.
-fn tell(trials: &[Trial], context: &Context, said: &mut impl FnMut(&str)) {
+fn tell(trials: &[Trial], context: &Context, said: &mut dyn FnMut(&str)) {
     for t in trials.iter().take(6) {
         let effect = t.hypothesis.rig.effects.last();
         let values: Vec<f64> = effect.map(|e| e.values.iter().map(|v| v.value).collect()).unwrap_or_default();

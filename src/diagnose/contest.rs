@@ -76,7 +76,7 @@ pub fn reconsidered(
     mut found: Hypothesis,
     added: &mut [Added],
     context: &Context,
-    said: &mut impl FnMut(&str),
+    said: &mut dyn FnMut(&str),
 ) -> Hypothesis {
     let first = context.given;
     for i in 0..added.len().saturating_sub(1) {

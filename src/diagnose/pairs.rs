@@ -23,7 +23,7 @@ pub fn paired(
     added: &mut [Added],
     last: &[Trial],
     context: &Context,
-    said: &mut impl FnMut(&str),
+    said: &mut dyn FnMut(&str),
 ) -> Hypothesis {
     let counts = |t: &&Trial| t.gain > detection_threshold(context, t.candidate.keys.len());
     let late: Vec<&Trial> = last.iter().filter(counts).take(LATE).collect();

@@ -132,7 +132,7 @@ struct Start {
 }
 
 impl Start {
-    fn of(experiment: &Experiment, options: Options, said: &mut impl FnMut(&str)) -> Result<Self, DiagnoseError> {
+    fn of(experiment: &Experiment, options: Options, said: &mut dyn FnMut(&str)) -> Result<Self, DiagnoseError> {
         let (mut recordings, pooled, floors) = ready(experiment)?;
         said("base fit");
         let first =
@@ -157,7 +157,7 @@ impl Start {
 }
 
 /// Forward selection over the library.
-fn searched(experiment: &Experiment, start: &Start, said: &mut impl FnMut(&str)) -> Selection {
+fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) -> Selection {
     let Start { pooled, given, base, context, .. } = start;
     let library = |now: &Hypothesis| {
         let Some(windows) = tangents(now) else { return Vec::new() };
@@ -169,11 +169,11 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut impl FnMut(&str))
         candidates(now, &scales, [&fine, &coarse], &windows)
     };
     let also = context.is_trapped.then(|| given.counted_with(base));
-    let all = forward((&experiment.rig, base), also.as_ref(), &library, context, &mut *said);
+    let all = forward((&experiment.rig, base), also.as_ref(), library, context, &mut *said);
     let strict = if all.added.is_empty() { without_slow_noise(&all.base, context) } else { None };
     let Some(strict) = strict else { return all };
     said("what passes for noise is slower than noise: again without");
-    forward((&experiment.rig, &strict), None, &library, context, said)
+    forward((&experiment.rig, &strict), None, library, context, said)
 }
 
 /// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.
@@ -182,7 +182,7 @@ fn finished(
     selection: Selection,
     context: &Context,
     options: Options,
-    said: &mut impl FnMut(&str),
+    said: &mut dyn FnMut(&str),
 ) -> Found {
     let Selection { base, found, mut added, last, .. } = selection;
     let refit = compare(&base, &given, context);
@@ -199,7 +199,7 @@ fn finished(
     let Kept { found, added, seen } = Kept::all(found, added).without_undetermined(&base, context);
     said("what is left");
     let strict = without_slow_noise(&base, context).or_else(|| as_leader_hears(&base, &added, &last, context));
-    let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), context, &mut *said);
+    let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), context, said);
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
     let rest = rest.map(|(unlisted, _)| unlisted);

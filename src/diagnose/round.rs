@@ -198,14 +198,40 @@ pub fn round(
     for (c, start, gain) in ranked.iter().take(8) {
         said(&format!("   {:20} {:12} promises {gain:9.1} from {start:.4?}", c.effect, c.at));
     }
+    let is_curious = base.rig.effects.len() == context.given || most > CURIOUS * detection_threshold(context, 1);
+    let trials = coarse_fits(base, (few, rule), ranked, &noise, is_curious);
+    let mut trials = best_of_each(trials);
+    trials = gone_on(base, thin.as_ref(), trials, &noise, context);
+    said(&format!("fitted, effort {:.1} M", 1e-6 * base.problem.effort.spent() as f64));
+    let all = trials.into_par_iter();
+    // What gains nothing and has states of its own is not worth the look: a spring stiff as a rod is costly to follow.
+    let kept = |trial: &Trial| {
+        let hypothesis = &trial.hypothesis;
+        !has_more_states(base, hypothesis) || trial.gain > 0.0 && goes_on(base, hypothesis, &context.floors)
+    };
+    trials = all.filter(kept).collect();
+    trials.extend(earlier);
+    rank(base, &mut trials, context);
+    trials = best_of_each(trials);
+    polish(base, &mut trials, context);
+    trials
+}
+
+/// The best starts fitted on `few` windows, and while the round may go on the others; ranked by `rule`.
+fn coarse_fits(
+    base: &Hypothesis,
+    (few, rule): (&Hypothesis, &Context),
+    ranked: Vec<Ranked<'_>>,
+    noise: &[Colour],
+    is_curious: bool,
+) -> Vec<Trial> {
     let allowed = allowance(few);
     let fitted = |(candidate, start, _): &Ranked<'_>| {
         let (problem, point) = few.extended(with_effect(&few.rig, candidate, start));
-        let hypothesis = within(allowed, base, problem, point, (&noise, COARSE), context)?;
+        let hypothesis = within(allowed, base, problem, point, (noise, COARSE), rule)?;
         Some(Trial { candidate: (*candidate).clone(), hypothesis, gain: 0.0 })
     };
     let effort = || base.problem.effort.spent();
-    let is_curious = base.rig.effects.len() == context.given || most > CURIOUS * detection_threshold(context, 1);
     let share = if is_curious { MOST_EFFORT.saturating_sub(effort()) / CURIOSITY } else { 0 };
     let enough = effort() + share;
     let (first, rest) = split(ranked);
@@ -225,20 +251,6 @@ pub fn round(
         trials.par_extend(again.into_par_iter().filter_map(fitted));
         rank(few, &mut trials, rule);
     }
-    let mut trials = best_of_each(trials);
-    trials = gone_on(base, thin.as_ref(), trials, &noise, context);
-    said(&format!("fitted, effort {:.1} M", 1e-6 * base.problem.effort.spent() as f64));
-    let all = trials.into_par_iter();
-    // What gains nothing and has states of its own is not worth the look: a spring stiff as a rod is costly to follow.
-    let kept = |trial: &Trial| {
-        let hypothesis = &trial.hypothesis;
-        !has_more_states(base, hypothesis) || trial.gain > 0.0 && goes_on(base, hypothesis, &context.floors)
-    };
-    trials = all.filter(kept).collect();
-    trials.extend(earlier);
-    rank(base, &mut trials, context);
-    trials = best_of_each(trials);
-    polish(base, &mut trials, context);
     trials
 }
 

@@ -3,6 +3,7 @@
 //! RT: no.
 
 use crate::diagnose::judge::verdict::{Estimate, Member, Missing};
+use crate::model::effect::EffectKind;
 use std::collections::BTreeMap;
 
 /// A number with three significant digits.
@@ -39,70 +40,86 @@ fn milli(parameters: &BTreeMap<String, Estimate>, key: &str) -> String {
 /// The effect in words, with its numbers.
 #[must_use]
 pub fn describe(member: &Member) -> String {
+    use EffectKind as E;
     let (at, p) = (member.at.as_str(), &member.parameters);
     let n = |key: &str| number(p, key);
-    match member.effect.as_str() {
-        "viscous_friction" => format!("viscous friction at {at} ({} per unit of rate)", n("viscous")),
-        "coulomb_friction" => format!("Coulomb friction at {at} that holds and brakes with {}", n("coulomb")),
-        "friction_asymmetry" => {
-            format!("friction at {at} that differs by direction (half difference {})", n("difference"))
-        }
-        "stribeck_friction" => {
-            format!(
-                "friction at {at} that falls with speed: {} more at rest, gone above a rate of {}",
-                n("extra"),
-                n("velocity")
-            )
-        }
-        "load_friction" => {
-            format!("friction at {at} that grows with the transmitted load ({} of it)", n("coefficient"))
-        }
-        "quadratic_drag" => format!("drag at {at} that grows with the square of the rate ({})", n("quadratic")),
-        "presliding" => {
-            format!("friction at {at} that gives elastically before it slips (stiffness {})", n("stiffness"))
-        }
-        "friction_drift" => format!("friction at {at} that changes with time ({} of its level per second)", n("rate")),
-        "parallel_spring" => format!("a spring at {at} (stiffness {}, rest at {})", n("stiffness"), n("rest")),
-        "torque_offset" => format!("a constant torque or force at {at} of {}", n("torque")),
-        "torque_ripple" => {
+    let Some(kind) = EffectKind::from_id(&member.effect) else {
+        return format!("physics at {at} that no effect of the library explains");
+    };
+    match kind {
+        E::ViscousFriction
+        | E::CoulombFriction
+        | E::FrictionAsymmetry
+        | E::StribeckFriction
+        | E::LoadFriction
+        | E::QuadraticDrag
+        | E::Presliding
+        | E::FrictionDrift => friction(kind, at, n),
+        E::ParallelSpring => format!("a spring at {at} (stiffness {}, rest at {})", n("stiffness"), n("rest")),
+        E::TorqueOffset => format!("a constant torque or force at {at} of {}", n("torque")),
+        E::TorqueRipple => {
             format!("a torque at {at} that repeats with the angle ({}, order {})", n("amplitude"), n("order"))
         }
-        "joint_elasticity" => format!(
-            "elasticity between motor and link at {at} (stiffness {}, rotor inertia {})",
-            n("stiffness"),
-            n("rotor_inertia")
-        ),
-        "backlash" => {
-            format!("play of {} between motor and link at {at} (rotor side inertia {})", n("gap"), n("rotor_inertia"))
-        }
-        "link_flexibility" => {
-            format!(
-                "a structural mode of the link at {at} ({} Hz, {} of its inertia)",
-                n("frequency"),
-                n("participation")
-            )
-        }
-        "external_push" => format!("a single push at {at} of {} at t = {} s", n("impulse"), n("time")),
-        "torque_limit" => format!("a drive of {at} that saturates at {}", n("limit")),
-        "actuator_lag" => format!("a lag of the drive of {at} of {}", milli(p, "time_constant")),
-        "transport_delay" => format!("a command {at} that acts {} late", milli(p, "delay")),
-        "sensor_lag" => format!("a low-pass filter of {at} ({})", milli(p, "time_constant")),
-        "sensor_delay" => format!("a sensor {at} that reads {} late", milli(p, "delay")),
-        "sensor_bias" => format!("a constant offset of {at} of {}", n("bias")),
-        "sensor_drift" => format!("an offset of {at} that grows by {} per second", n("rate")),
-        "sensor_scale" => format!("a sensor {at} that reads {} times the truth", n("scale")),
-        "encoder_eccentricity" => format!("a once-per-turn error of {at} of {}", n("amplitude")),
-        "lost_counts" => format!("a jump of {at} by {} at t = {} s that stays", n("step"), n("time")),
-        "clock_skew" => format!("a clock of {at} that runs fast by {}", n("skew")),
-        "foot_slip" => format!("a stance toe that slides beyond a friction of {}", n("friction")),
-        "elastic_impact" => format!("a foot that rebounds at touchdown (restitution {})", n("restitution")),
-        "toe_compliance" => format!("a spring along the leg at the toe ({} N/m)", n("stiffness")),
-        "ground_slope" => format!("a tilt of the ground by {} rad", n("slope")),
-        "counterweight" => {
+        E::ExternalPush => format!("a single push at {at} of {} at t = {} s", n("impulse"), n("time")),
+        E::JointElasticity | E::Backlash | E::LinkFlexibility => structure(kind, at, n),
+        E::TorqueLimit => format!("a drive of {at} that saturates at {}", n("limit")),
+        E::ActuatorLag => format!("a lag of the drive of {at} of {}", milli(p, "time_constant")),
+        E::TransportDelay => format!("a command {at} that acts {} late", milli(p, "delay")),
+        E::SensorLag => format!("a low-pass filter of {at} ({})", milli(p, "time_constant")),
+        E::SensorDelay => format!("a sensor {at} that reads {} late", milli(p, "delay")),
+        E::SensorBias => format!("a constant offset of {at} of {}", n("bias")),
+        E::SensorDrift => format!("an offset of {at} that grows by {} per second", n("rate")),
+        E::SensorScale => format!("a sensor {at} that reads {} times the truth", n("scale")),
+        E::EncoderEccentricity => format!("a once-per-turn error of {at} of {}", n("amplitude")),
+        E::LostCounts => format!("a jump of {at} by {} at t = {} s that stays", n("step"), n("time")),
+        E::ClockSkew => format!("a clock of {at} that runs fast by {}", n("skew")),
+        E::FootSlip => format!("a stance toe that slides beyond a friction of {}", n("friction")),
+        E::ElasticImpact => format!("a foot that rebounds at touchdown (restitution {})", n("restitution")),
+        E::ToeCompliance => format!("a spring along the leg at the toe ({} N/m)", n("stiffness")),
+        E::GroundSlope => format!("a tilt of the ground by {} rad", n("slope")),
+        E::Counterweight => {
             format!("an upward force at the hip of {} N: what falls weighs less than what swings", n("force"))
         }
-        "round_foot" => format!("a toe that rolls as an arc of radius {} m", n("radius")),
-        _ => format!("physics at {at} that no effect of the library explains"),
+        E::RoundFoot => format!("a toe that rolls as an arc of radius {} m", n("radius")),
+    }
+}
+
+/// Friction in words.
+fn friction(kind: EffectKind, at: &str, n: impl Fn(&str) -> String) -> String {
+    use EffectKind as E;
+    let what = match kind {
+        E::ViscousFriction => return format!("viscous friction at {at} ({} per unit of rate)", n("viscous")),
+        E::CoulombFriction => {
+            return format!("Coulomb friction at {at} that holds and brakes with {}", n("coulomb"));
+        }
+        E::QuadraticDrag => {
+            return format!("drag at {at} that grows with the square of the rate ({})", n("quadratic"));
+        }
+        E::FrictionAsymmetry => format!("differs by direction (half difference {})", n("difference")),
+        E::StribeckFriction => {
+            format!("falls with speed: {} more at rest, gone above a rate of {}", n("extra"), n("velocity"))
+        }
+        E::LoadFriction => format!("grows with the transmitted load ({} of it)", n("coefficient")),
+        E::FrictionDrift => format!("changes with time ({} of its level per second)", n("rate")),
+        _ => format!("gives elastically before it slips (stiffness {})", n("stiffness")),
+    };
+    format!("friction at {at} that {what}")
+}
+
+/// What gives between motor and link, or within the link, in words.
+fn structure(kind: EffectKind, at: &str, n: impl Fn(&str) -> String) -> String {
+    match kind {
+        EffectKind::Backlash => {
+            format!("play of {} between motor and link at {at} (rotor side inertia {})", n("gap"), n("rotor_inertia"))
+        }
+        EffectKind::LinkFlexibility => {
+            let (hz, share) = (n("frequency"), n("participation"));
+            format!("a structural mode of the link at {at} ({hz} Hz, {share} of its inertia)")
+        }
+        _ => {
+            let (stiffness, rotor) = (n("stiffness"), n("rotor_inertia"));
+            format!("elasticity between motor and link at {at} (stiffness {stiffness}, rotor inertia {rotor})")
+        }
     }
 }
 

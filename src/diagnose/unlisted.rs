@@ -83,16 +83,16 @@ pub fn unexplained(
     found: &Hypothesis,
     base: &Hypothesis,
     context: &Context,
-    mut said: impl FnMut(&str),
+    said: &mut dyn FnMut(&str),
 ) -> Option<(Unlisted, bool)> {
     let listed: f64 = found.blocks(&base.noise).iter().sum::<f64>() - base.blocks(&base.noise).iter().sum::<f64>();
     let is_rough = !complaints(&base.problem, &base.point, &base.noise).is_empty();
     let threshold = free_force_threshold(context, is_rough);
-    let (force, on_base) = structure(base, true, &mut said)?;
+    let (force, on_base) = structure(base, true, said)?;
     let excess = Excess { threshold, on_base, listed };
     let misfit = |h: &Hypothesis| is_misfit(&h.residuals, &context.floors);
     if excess.counts()
-        && let Some(changed) = changed(found, base, (&force, excess), context, &mut said)
+        && let Some(changed) = changed(found, base, (&force, excess), context, said)
     {
         return Some((changed, true));
     }
@@ -106,9 +106,9 @@ pub fn unexplained(
     if found.rig.effects.len() == base.rig.effects.len() {
         return excess.counts().then_some((force, true));
     }
-    let left = structure(found, !misfit(found), &mut said);
+    let left = structure(found, !misfit(found), said);
     let asked = left.as_ref().filter(|(_, on_found)| asks_for_a_fit(*on_found)).and_then(|(u, _)| u.over_position_of);
-    if let Some(unlisted) = over_position(found, base, asked, context, &mut said) {
+    if let Some(unlisted) = over_position(found, base, asked, context, said) {
         return Some((unlisted, true));
     }
     let on_found = left.as_ref().map_or(0.0, |(_, on_found)| *on_found);
@@ -129,7 +129,7 @@ fn changed(
     base: &Hypothesis,
     (force, excess): (&Unlisted, Excess),
     context: &Context,
-    said: &mut impl FnMut(&str),
+    said: &mut dyn FnMut(&str),
 ) -> Option<Unlisted> {
     let changed = Changed::fitted(base, context)?;
     let name = &base.problem.recordings[changed.recording].name;
@@ -167,7 +167,7 @@ fn over_position(
     base: &Hypothesis,
     joint: Option<usize>,
     context: &Context,
-    said: &mut impl FnMut(&str),
+    said: &mut dyn FnMut(&str),
 ) -> Option<Unlisted> {
     // At its bounds the base is no fair start: what is listed was sought from the numbers as given as well.
     if context.is_trapped {
@@ -219,7 +219,7 @@ fn energy(of: &Hypothesis, base: &Hypothesis) -> f64 {
 }
 
 /// The free force that explains most of what `of` leaves, and its gain beyond chance.
-fn structure(of: &Hypothesis, with_time: bool, said: &mut impl FnMut(&str)) -> Option<(Unlisted, f64)> {
+fn structure(of: &Hypothesis, with_time: bool, said: &mut dyn FnMut(&str)) -> Option<(Unlisted, f64)> {
     let windows = tangents(of)?;
     let screen = Screen::new(&of.problem, &of.point, &of.noise)?;
     let mut patterns = patterns(&of.rig, &screen, &windows);

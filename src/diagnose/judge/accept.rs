@@ -112,7 +112,7 @@ pub fn is_accepted(
     explained: f64,
     kept: impl FnOnce() -> Option<f64>,
     context: &Context,
-    said: &mut impl FnMut(&str),
+    said: &mut dyn FnMut(&str),
 ) -> bool {
     if !explains_enough(now, (trial, all), explained, context) {
         return false;
