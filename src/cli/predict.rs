@@ -1,7 +1,7 @@
 //! `compass predict MODEL.toml [RECORDING.csv]`: free runs of a model, as the diagnosis contract defines them. RT: no.
 
 use super::{Outcome, Run, UsageError, warn};
-use crate::diagnose::spikes::clean;
+use crate::diagnose::outliers::clean;
 use crate::identify::experiment::{Recording, load_rig};
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
 use crate::model::rig::{RecordingEntry, Rig, Setup, Use};

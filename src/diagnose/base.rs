@@ -2,9 +2,9 @@
 //!
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::initial_states::{refit_states, restart_states};
 use crate::diagnose::likelihood::{memory, white};
-use crate::diagnose::stragglers::{rescued, reseated};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::{Limits, Point, fit, fit_states};
 use crate::identify::noise::{Colour, median_abs};
@@ -48,12 +48,12 @@ pub fn fit_recordings(experiment: &Experiment) -> Vec<Recording> {
 
 /// Fits all free numbers of `rig`: horizons grow, then white noise of the size of the residual, twice.
 #[must_use]
-pub fn fitted(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f64]) -> Option<Hypothesis> {
+pub fn fitted(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f64]) -> Option<FittedModel> {
     let rough = rough(pooled, floors);
     let full = Problem::new(rig.clone(), recordings.to_vec());
     let direct = settled(&full, &rough, floors);
     // A false minimum leaves a misfit that anyone would see; only then the horizon has to grow.
-    let is_good = |h: &Hypothesis| misfit(h, pooled, floors) < GOOD;
+    let is_good = |h: &FittedModel| misfit(h, pooled, floors) < GOOD;
     let grown = match &direct {
         Some(h) if is_good(h) => None,
         _ => grown(&full, &rough).and_then(|rig| settled(&full.with_rig(rig), &rough, floors)),
@@ -67,7 +67,7 @@ pub fn fitted(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f6
 }
 
 /// The likelier of two, if there are two; the second where they are alike.
-fn better(a: Option<Hypothesis>, b: Option<Hypothesis>) -> Option<Hypothesis> {
+fn better(a: Option<FittedModel>, b: Option<FittedModel>) -> Option<FittedModel> {
     match (a, b) {
         (Some(a), Some(b)) => Some(if a.likelihood > b.likelihood { a } else { b }),
         (a, b) => a.or(b),
@@ -97,7 +97,7 @@ fn moved(rig: &Rig, factor: f64) -> Rig {
 /// Largest misfit, in parts of a channel's spread, that is taken for the true minimum without a second start.
 const GOOD: f64 = 0.05;
 
-fn misfit(of: &Hypothesis, pooled: &Pooled, floors: &[f64]) -> f64 {
+fn misfit(of: &FittedModel, pooled: &Pooled, floors: &[f64]) -> f64 {
     let relative =
         |(colour, (std, floor)): (&Colour, (&f64, &f64))| if floor.is_finite() { colour.sigma / std } else { 0.0 };
     white(&of.residuals, floors).iter().zip(pooled.std.iter().zip(floors)).map(relative).fold(0.0, f64::max)
@@ -124,36 +124,36 @@ fn grown(full: &Problem, rough: &[Colour]) -> Option<Rig> {
 }
 
 /// Full-horizon fit: initial states first, then everything; the noise follows the residual.
-fn settled(problem: &Problem, rough: &[Colour], floors: &[f64]) -> Option<Hypothesis> {
+fn settled(problem: &Problem, rough: &[Colour], floors: &[f64]) -> Option<FittedModel> {
     let mut now = states_only(problem, problem.start(), rough, floors)?;
     for round in 0..3 {
         let noise = if round == 0 { rough.to_vec() } else { white(&now.residuals, floors) };
         let limits = Limits { iterations: if round == 0 { 15 } else { 6 }, tolerance: 1e-4 };
-        now = Hypothesis::fitted(problem.clone(), now.point.clone(), &noise, floors, limits)?;
+        now = FittedModel::fitted(problem.clone(), now.point.clone(), &noise, floors, limits)?;
     }
     // What stood wrong beside wrong numbers may be found beside the right ones.
     let noise = white(&now.residuals, floors);
-    let rescued = rescued(problem, now.point.clone(), &noise);
+    let rescued = restart_states(problem, now.point.clone(), &noise);
     if rescued != now.point {
         let limits = Limits { iterations: 6, tolerance: 1e-4 };
-        now = better(Hypothesis::fitted(problem.clone(), rescued, &noise, floors, limits), Some(now))?;
+        now = better(FittedModel::fitted(problem.clone(), rescued, &noise, floors, limits), Some(now))?;
     }
-    Some(reseated(&now, floors).unwrap_or(now))
+    Some(refit_states(&now, floors).unwrap_or(now))
 }
 
 /// `rig` fitted from its own numbers to the recordings of `of`, from the first look on; the work is counted there.
 #[must_use]
-pub fn anew(of: &Problem, rig: &Rig, floors: &[f64]) -> Option<Hypothesis> {
+pub fn anew(of: &Problem, rig: &Rig, floors: &[f64]) -> Option<FittedModel> {
     let pooled = Pooled::of(rig, of.recordings.iter());
     let fresh = fitted(rig, &of.recordings, &pooled, floors)?;
     of.effort.add(fresh.problem.effort.spent());
     let problem = Problem { effort: Arc::clone(&of.effort), longest_memory: of.longest_memory, ..fresh.problem };
-    Hypothesis::at(problem, fresh.point, fresh.information, floors)
+    FittedModel::at(problem, fresh.point, fresh.information, floors)
 }
 
 /// The rig as it is: only the initial states are fitted.
 #[must_use]
-pub fn as_given(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f64]) -> Option<Hypothesis> {
+pub fn as_given(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f64]) -> Option<FittedModel> {
     let rough = rough(pooled, floors);
     let problem = Problem::new(rig.clone(), recordings.to_vec());
     let start = problem.start();
@@ -163,12 +163,12 @@ pub fn as_given(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[
 }
 
 /// Fits initial states with all shared numbers held.
-fn states_only(problem: &Problem, start: Point, noise: &[Colour], floors: &[f64]) -> Option<Hypothesis> {
+fn states_only(problem: &Problem, start: Point, noise: &[Colour], floors: &[f64]) -> Option<FittedModel> {
     let held = problem.with_rig(known(&problem.rig));
     let states = fit_states(&held, start.states, noise, Limits { iterations: 12, tolerance: 1e-4 });
     let n = start.parameters.len();
-    let point = rescued(problem, Point { parameters: start.parameters, states }, noise);
-    Hypothesis::at(problem.clone(), point, DMatrix::zeros(n, n), floors)
+    let point = restart_states(problem, Point { parameters: start.parameters, states }, noise);
+    FittedModel::at(problem.clone(), point, DMatrix::zeros(n, n), floors)
 }
 
 /// `rig` with no number left free.

@@ -6,14 +6,14 @@
 //! leaves noise where they leave misfit.
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::nameless::curve_is_ahead;
 use crate::diagnose::judge::verdict::Law;
 use crate::diagnose::laws::band_95;
 use crate::diagnose::likelihood::{is_misfit, white};
-use crate::diagnose::screen::pseudo_inverse;
-use crate::diagnose::tangent::Tangent;
+use crate::diagnose::ltv::LtvWindow;
+use crate::diagnose::score_test::pseudo_inverse;
 use crate::identify::fit::Limits;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Scope, Slot, Value};
@@ -35,7 +35,7 @@ const POINTS: usize = 120;
 /// The base with a free force over the position of a joint.
 pub struct FreeCurve {
     /// Fitted.
-    pub hypothesis: Hypothesis,
+    pub hypothesis: FittedModel,
     joint: usize,
     first: usize,
     travel: (f64, f64),
@@ -44,7 +44,7 @@ pub struct FreeCurve {
 impl FreeCurve {
     /// Fits one from `base`, whose runs are `windows`. `None` if the joint does not move or no run is finite.
     #[must_use]
-    pub fn fitted(base: &Hypothesis, joint: usize, windows: &[Tangent], context: &Context) -> Option<Self> {
+    pub fn fitted(base: &FittedModel, joint: usize, windows: &[LtvWindow], context: &Context) -> Option<Self> {
         let positions = windows.iter().flat_map(|w| w.states.iter().map(|state| state[joint]));
         let travel = positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (low.min(q), high.max(q)));
         let wave = TAU / (WIDER * (travel.1 - travel.0));
@@ -61,14 +61,14 @@ impl FreeCurve {
         let (problem, point) = base.extended(rig);
         let (noise, far) = (white(&base.residuals, &context.floors), Limits { iterations: 12, tolerance: 1e-3 });
         let near = Limits { iterations: 8, tolerance: 1e-5 };
-        let first = Hypothesis::fitted(problem.with_allowance(MOST), point, &noise, &context.floors, far)?;
+        let first = FittedModel::fitted(problem.with_allowance(MOST), point, &noise, &context.floors, far)?;
         let hypothesis = first.polished(&first.noise, &context.floors, near).unwrap_or(first);
         Some(Self { hypothesis, joint, first: base.rig.effects.len(), travel })
     }
 
     /// True if it leaves but noise and is clearly ahead of `found`, its numbers paid for.
     #[must_use]
-    pub fn says_more_than(&self, found: &Hypothesis, base: &Hypothesis, context: &Context) -> bool {
+    pub fn says_more_than(&self, found: &FittedModel, base: &FittedModel, context: &Context) -> bool {
         if is_misfit(&self.hypothesis.residuals, &context.floors) {
             return false;
         }
@@ -116,7 +116,7 @@ mod tests {
     use super::*;
     use crate::diagnose::base::{fitted, floors};
     use crate::diagnose::likelihood::samples;
-    use crate::diagnose::linearise::tangents;
+    use crate::diagnose::linearise::ltv_windows;
     use crate::identify::experiment::Recording;
     use crate::identify::rollout::Pooled;
     use crate::identify::synthesis::record;
@@ -157,7 +157,7 @@ mod tests {
         let [base, found] = [&[][..], ripples].map(|r| fitted(&rig(r, true), &all, &pooled, &floors).unwrap());
         let samples = samples(&base.residuals, &floors);
         let context = Context { floors, samples, given: 1, is_trapped: false, seed: 0 };
-        let curve = FreeCurve::fitted(&base, 0, &tangents(&base).unwrap(), &context).unwrap();
+        let curve = FreeCurve::fitted(&base, 0, &ltv_windows(&base).unwrap(), &context).unwrap();
         let more = curve.says_more_than(&found, &base, &context);
         (curve, more)
     }

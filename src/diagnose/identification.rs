@@ -3,13 +3,13 @@
 //! Nothing is added to the model. RT: no.
 
 use crate::diagnose::base::fitted;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::input_checks::{at_bounds, suspicions};
+use crate::diagnose::outliers::{cleaned, drop_spikes};
 use crate::diagnose::pipeline::{DiagnoseError, again, ready, runaway, warnings};
-use crate::diagnose::prove::{Models, proof};
-use crate::diagnose::spikes::{cleaned, drop_spikes};
 use crate::diagnose::supposed::{Supposed, with_supposed};
-use crate::diagnose::suspicion::{at_bounds, suspicions};
 use crate::diagnose::tables::{estimates, undetermined_combinations};
+use crate::diagnose::validation::{Models, proof};
 use crate::identify::experiment::Experiment;
 use crate::identify::fit::Limits;
 use crate::identify::theta::{Entry, Theta};
@@ -71,7 +71,7 @@ pub fn identify_with(experiment: &Experiment, supposed: &[Supposed]) -> Result<I
 
 /// The same under the colour of its own residual: only then do the deviations hold. Left as it is if that makes the plain
 /// error grow, because then the residual is not noise but physics that is missing.
-fn coloured(mut best: Hypothesis, floors: &[f64]) -> Hypothesis {
+fn coloured(mut best: FittedModel, floors: &[f64]) -> FittedModel {
     for _ in 0..2 {
         let next = best.polished(&best.noise, floors, Limits { iterations: 15, tolerance: 1e-7 });
         let Some(next) = next.filter(|n| growth(&best, n, floors) < MORE) else { break };
@@ -84,13 +84,13 @@ fn coloured(mut best: Hypothesis, floors: &[f64]) -> Hypothesis {
 const MORE: f64 = 1.05;
 
 /// Largest ratio of a channel's root mean square residual, after over before.
-fn growth(before: &Hypothesis, after: &Hypothesis, floors: &[f64]) -> f64 {
+fn growth(before: &FittedModel, after: &FittedModel, floors: &[f64]) -> f64 {
     let rms = |runs: &Vec<Vec<f64>>| libm::sqrt(runs.iter().flatten().map(|x| x * x).sum());
     let pairs = before.residuals.iter().zip(&after.residuals).zip(floors).filter(|(_, floor)| floor.is_finite());
     pairs.map(|((b, a), _)| rms(a) / rms(b)).fold(0.0, f64::max)
 }
 
-fn lines(given: &Rig, best: &Hypothesis) -> Vec<Line> {
+fn lines(given: &Rig, best: &FittedModel) -> Vec<Line> {
     let before = Theta::of(given);
     // What was added was not given.
     let given = |name: &str| before.index_of(name).map_or(f64::NAN, |i| before.values[i]);

@@ -3,16 +3,16 @@
 //! Both are told as seen, not as missing. This comes after everything is decided and fits again only what stays.
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::answer_sets::member;
+use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::accept::{is_admissible, strength_is_undetermined};
 use crate::diagnose::judge::criterion::{Context, explained_part};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::judge::numbers::MEMBER_GAIN;
 use crate::diagnose::judge::verdict::{Member, Seen, is_material};
+use crate::diagnose::residual_force::Unlisted;
 use crate::diagnose::sentence;
-use crate::diagnose::sets::member;
-use crate::diagnose::tried::{Added, Trial, left_out};
-use crate::diagnose::unlisted::Unlisted;
 use std::collections::BTreeMap;
 
 /// A force without a name, if it matters; else as what was only seen.
@@ -31,7 +31,7 @@ pub fn split_by_interest(rest: Option<Unlisted>, least: f64) -> (Option<Unlisted
 
 /// Where nothing is named and what was taken out for its undetermined strength removes a good part of the misfit: something is there.
 #[must_use]
-pub fn undetermined(added: &[Added], seen: &[Seen], least: f64) -> Option<Unlisted> {
+pub fn undetermined(added: &[SelectedEffect], seen: &[Seen], least: f64) -> Option<Unlisted> {
     let most = seen.iter().filter(|_| added.is_empty()).max_by(|a, b| a.share.total_cmp(&b.share))?;
     is_material(most.share, least).then(|| Unlisted::at(&most.at, sentence::undetermined(&most.at, most.share)))
 }
@@ -44,9 +44,9 @@ const UNDETERMINED: &str = "its 95 % interval reaches nothing";
 #[derive(Clone, Debug)]
 pub struct Kept {
     /// With what stays.
-    pub found: Hypothesis,
+    pub found: FittedModel,
     /// What stays.
-    pub added: Vec<Added>,
+    pub added: Vec<SelectedEffect>,
     /// What does not, in the order in which it was taken out.
     pub seen: Vec<Seen>,
 }
@@ -54,14 +54,14 @@ pub struct Kept {
 impl Kept {
     /// Everything that was added.
     #[must_use]
-    pub fn all(found: Hypothesis, added: Vec<Added>) -> Self {
+    pub fn all(found: FittedModel, added: Vec<SelectedEffect>) -> Self {
         Self { found, added, seen: Vec::new() }
     }
 
     /// Takes out, one by one, the effects whose strength is not told from nothing. Of two that share what they explain the first
     /// goes, and the other is asked again alone.
     #[must_use]
-    pub fn without_undetermined(mut self, base: &Hypothesis, context: &Context) -> Self {
+    pub fn without_undetermined(mut self, base: &FittedModel, context: &Context) -> Self {
         let undetermined = |of: &Self| {
             let known = of.found.clone().with_intervals();
             (0..of.added.len()).rev().find(|i| strength_is_undetermined(&known, context.given + i))
@@ -78,7 +78,7 @@ impl Kept {
 
     /// Takes out, the least first, the effects that remove less than `least` of the misfit that is there without them.
     #[must_use]
-    pub fn of_interest(mut self, least: f64, base: &Hypothesis, context: &Context) -> Self {
+    pub fn of_interest(mut self, least: f64, base: &FittedModel, context: &Context) -> Self {
         loop {
             let part = |i: usize| {
                 let without = self.without(i, base, context)?;
@@ -94,7 +94,7 @@ impl Kept {
     /// Puts a rival of effect `i` in its place that gains nearly as much and is determined, if there is one.
     fn replace_by_determined(&mut self, i: usize, context: &Context) -> bool {
         let (e, gain) = (context.given + i, self.added[i].gain);
-        let stands = |t: &Trial| {
+        let stands = |t: &CandidateFit| {
             let comparable = t.hypothesis.rig.effects.len() == self.found.rig.effects.len();
             comparable
                 && t.gain > MEMBER_GAIN * gain
@@ -104,7 +104,7 @@ impl Kept {
         };
         let Some(k) = self.added[i].others.iter().position(stands) else { return false };
         let added = &mut self.added[i];
-        let Trial { candidate, hypothesis, gain } = added.others.remove(k);
+        let CandidateFit { candidate, hypothesis, gain } = added.others.remove(k);
         let candidate = std::mem::replace(&mut added.candidate, candidate);
         added.gain = gain;
         self.found = hypothesis;
@@ -114,11 +114,11 @@ impl Kept {
     }
 
     /// The best model without effect `i`.
-    fn without(&self, i: usize, base: &Hypothesis, context: &Context) -> Option<Hypothesis> {
-        if self.added.len() == 1 { Some(base.clone()) } else { left_out(&self.found, context.given + i, context) }
+    fn without(&self, i: usize, base: &FittedModel, context: &Context) -> Option<FittedModel> {
+        if self.added.len() == 1 { Some(base.clone()) } else { refit_without(&self.found, context.given + i, context) }
     }
 
-    fn take_out(&mut self, i: usize, without: Hypothesis, why: &str, context: &Context) {
+    fn take_out(&mut self, i: usize, without: FittedModel, why: &str, context: &Context) {
         let Member { effect, at, parameters, .. } = member(&self.found.clone().with_intervals(), context.given + i);
         let share = explained_part(&without, &self.found, context);
         self.seen.push(Seen {
@@ -140,7 +140,7 @@ impl Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::tried::worked::{Shown, shown};
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
     const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = ";

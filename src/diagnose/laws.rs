@@ -3,10 +3,10 @@
 //! A curve shows everything of its kind that acts at the place, old and new together: what a person would measure there.
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::verdict::{Law, Trace};
 use crate::diagnose::narrow::slopes;
-use crate::diagnose::screen::pseudo_inverse;
+use crate::diagnose::score_test::pseudo_inverse;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Rig};
 use nalgebra::DVector;
@@ -50,7 +50,7 @@ fn form(kind: EffectKind) -> Option<Form> {
 
 /// Curves of the effects of `explained` from number `first` on.
 #[must_use]
-pub fn found(explained: &Hypothesis, first: usize, traces: &[Trace]) -> Vec<Law> {
+pub fn found(explained: &FittedModel, first: usize, traces: &[Trace]) -> Vec<Law> {
     let mut shown: Vec<(Form, &str)> = Vec::new();
     let mut out = Vec::new();
     for effect in &explained.rig.effects[first.min(explained.rig.effects.len())..] {
@@ -61,7 +61,7 @@ pub fn found(explained: &Hypothesis, first: usize, traces: &[Trace]) -> Vec<Law>
     out
 }
 
-fn curve(of: &Hypothesis, form: Form, at: &str, traces: &[Trace]) -> Option<Law> {
+fn curve(of: &FittedModel, form: Form, at: &str, traces: &[Trace]) -> Option<Law> {
     let (low, high) = range(of, form, at, traces)?;
     let x: Vec<f64> = (0..POINTS).map(|i| low + (high - low) * i as f64 / (POINTS - 1) as f64).collect();
     let y: Vec<f64> = x.iter().map(|x| value(&of.rig, form, at, *x)).collect();
@@ -84,7 +84,7 @@ fn labels(form: Form, at: &str) -> (String, String, String) {
 }
 
 /// The range of the abscissa that the recordings cover.
-fn range(of: &Hypothesis, form: Form, at: &str, traces: &[Trace]) -> Option<(f64, f64)> {
+fn range(of: &FittedModel, form: Form, at: &str, traces: &[Trace]) -> Option<(f64, f64)> {
     if form == Form::Saturation {
         let a = of.rig.actuators.iter().position(|a| a.column == at)?;
         let gain = of.rig.actuators[a].gain.value;
@@ -139,7 +139,7 @@ fn term(effect: &Effect, x: f64) -> f64 {
 }
 
 /// Standard deviation of the law at each point: the covariance of all fitted numbers, carried along.
-fn deviations(of: &Hypothesis, form: Form, at: &str, x: &[f64]) -> Vec<f64> {
+fn deviations(of: &FittedModel, form: Form, at: &str, x: &[f64]) -> Vec<f64> {
     let n = of.point.parameters.len();
     let covariance = pseudo_inverse(&of.information, 1e-10);
     let slopes: Vec<Vec<f64>> = (0..n).map(|i| by_parameter(of, form, at, (i, x))).collect();
@@ -152,7 +152,7 @@ fn deviations(of: &Hypothesis, form: Form, at: &str, x: &[f64]) -> Vec<f64> {
 }
 
 /// Derivative of the law by parameter `i` of the fit, at each point, by a central difference.
-fn by_parameter(of: &Hypothesis, form: Form, at: &str, (i, x): (usize, &[f64])) -> Vec<f64> {
+fn by_parameter(of: &FittedModel, form: Form, at: &str, (i, x): (usize, &[f64])) -> Vec<f64> {
     let nudge = 1e-5 * of.point.parameters[i].abs().max(1e-6);
     let moved = |sign: f64| {
         let mut p = of.point.parameters.clone();

@@ -6,8 +6,8 @@
 //! RT: no.
 
 use crate::base::scalar::{Dual, Scalar};
-use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::tangent::{InputMap, STATES, StateMap, StateRow, Tangent};
+use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::ltv::{InputMap, LtvWindow, STATES, StateMap, StateRow};
 use crate::identify::experiment::Recording;
 use crate::identify::rollout::{Readings, Rollout};
 use crate::identify::theta::Theta;
@@ -24,7 +24,7 @@ const LANES: usize = 8;
 
 /// The tangent of all windows. `None` if a run fails.
 #[must_use]
-pub fn tangents(of: &Hypothesis) -> Option<Vec<Tangent>> {
+pub fn ltv_windows(of: &FittedModel) -> Option<Vec<LtvWindow>> {
     let forces = with_forces(&rigid(&of.rig));
     let probe = probing(&of.rig);
     let blank = |recording: &Recording| {
@@ -35,7 +35,7 @@ pub fn tangents(of: &Hypothesis) -> Option<Vec<Tangent>> {
 }
 
 /// The tangent of one window. `blanks`: each recording without samples, with ideal sensors.
-fn tangent(of: &Hypothesis, blanks: &[(Setting, Recording)], forces: &Rig, window: usize) -> Option<Tangent> {
+fn tangent(of: &FittedModel, blanks: &[(Setting, Recording)], forces: &Rig, window: usize) -> Option<LtvWindow> {
     let r = of.problem.windows[window].0;
     let (recording, rows) = (&of.problem.recordings[r], of.problem.spans[window].clone());
     let (setting, blank) = &blanks[r];
@@ -48,7 +48,7 @@ fn tangent(of: &Hypothesis, blanks: &[(Setting, Recording)], forces: &Rig, windo
     let (output, rates) = (stepper.outputs(), stepper.rates());
     let (phi, gamma) = stepper.steps(&rows, &states)?;
     let t_s = recording.times[rows].to_vec();
-    Some(Tangent { recording: r, t_s, states, phi, gamma, rates, output })
+    Some(LtvWindow { recording: r, t_s, states, phi, gamma, rates, output })
 }
 
 /// Runs single rows of one recording in dual numbers.

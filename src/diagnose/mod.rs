@@ -1,51 +1,87 @@
 //! L6: what physics is missing in a simulation, from recordings (diagnosis contract, schema 1).
 //!
-//! The walk: noise floor → base fit and detection → where → which of the candidates, alone and together → proof on
-//! recordings that were never fitted → [`judge::verdict`].
+//! # The walk
+//! 1. [`pipeline`]: the base fit ([`base`]), outliers left out, the noise that it leaves ([`likelihood`]).
+//! 2. [`stepwise`]: forward selection. In a [`round`] every candidate of the library ([`candidates`], [`initial_guesses`]) is scored
+//!    by what one linear step promises ([`score_test`]); the best are fitted in full, jointly with all base parameters.
+//!    The first that is accepted is added; then the next round.
+//! 3. [`pairwise_exchange`], [`mod@exchange`], [`mod@converge_rivals`]: neighbours of the selected model, each kept if better.
+//! 4. [`residual_force`]: does a force without a name say more ([`free_curve`], [`change_point`])? Are all recordings of one
+//!    machine ([`pooling_test`])?
+//! 5. [`interest`]: what is too small to matter, or not told from nothing, is seen and not named.
+//! 6. [`validation`]: free runs on recordings that were never fitted; [`answer_sets`], [`localise`], [`laws`], [`sentence`],
+//!    [`tables`], [`headline`]: the answer in numbers, curves and words.
+//!
+//! # The rules
+//! All that decides is in [`judge`], its numbers in [`judge::numbers`]. In twice the natural logarithm of the likelihood:
+//!
+//! | question | rule | where |
+//! |---|---|---|
+//! | is anything missing? | gain over max(60, .02 N) + k ln N, in every part of the recordings | [`judge::criterion`], [`judge::accept`] |
+//! | is it that effect? | no bound hit, states that go on from window to window, .25 of the gain on recordings left out | [`judge::accept`], [`judge::continuity`] |
+//! | or a piece of anything? | pushes, jumps and few waves of a ripple are not taken beside smooth misfit | [`judge::flexibility`] |
+//! | a further effect? | 2, 4 or 15 % of what those before it gained | [`judge::accept`] |
+//! | which of two? | 10 ahead; the simpler one with .95 of the gain | [`judge::exchange`], [`judge::simplicity`] |
+//! | what stands beside it? | within two deviations, or within the error of form | [`judge::credible_set`] |
+//! | nothing of the library? | a free force ahead of all that was listed | [`judge::nameless`] |
+//! | does it matter? | .12 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
+//!
+//! # Words
+//! - *Base*: the rig as given with its free numbers fitted. *Candidate*: an effect at a place, with starts and bounds.
+//! - *Gain*: rise of twice the log-likelihood over the model before, both under the noise that the better one leaves.
+//! - *Misfit*: a residual that is smooth, not noise: its innovations are small beside it.
+//! - *Window*: a free run that starts from a fitted state. *Inner states*: those of a spring, a bristle, a filter, beside
+//!   coordinates and rates.
+//! - *Event*: an effect that acts at one instant of one recording (a push, a jump of an encoder).
+//! - *Twins*: effects that no motion tells apart. *Limit*: an effect that another one contains with one number less.
+//! - *Score test*: gain of adding a signal, linear around the base, with base parameters and window states following.
+//! - *LTV window*: the base's run made linear, row by row. *Continuity*: inner states of a window start where the one before ended.
+//! - *Leave one recording out*: base and candidate fitted to the others, compared on the one left out.
+//!
 //! RT: no.
 
-mod allowance;
-pub mod at_rest;
-pub mod attribute;
+pub mod answer_sets;
 pub mod base;
+pub mod basin_hopping;
+mod budget;
+pub mod candidate_fit;
 pub mod candidates;
-pub mod carry;
-pub mod changed;
-pub mod contest;
-pub mod disagreement;
-pub mod flexible;
-pub mod folds;
+pub mod change_point;
+pub mod converge_rivals;
+pub mod cross_validation;
+pub mod exchange;
+pub mod fitted_model;
 pub mod free_curve;
 pub mod headline;
-pub mod hypothesis;
 pub mod identification;
+pub mod initial_guesses;
+pub mod initial_states;
+pub mod input_checks;
 pub mod interest;
 pub mod judge;
 pub mod laws;
 pub mod likelihood;
 pub mod linearise;
-pub mod lines;
 pub mod localise;
+pub mod ltv;
+pub mod modes;
 pub mod narrow;
+pub mod outliers;
 pub mod own;
-pub mod pairs;
+pub mod pairwise_exchange;
 pub mod pipeline;
-pub mod propose;
-pub mod prove;
-pub mod ridge;
+pub mod pooling_test;
+pub mod residual_force;
+pub mod ridge_restarts;
 pub mod round;
 pub mod scales;
 pub mod scan;
-pub mod screen;
+pub mod score_test;
 pub mod sentence;
-pub mod sets;
-pub mod spikes;
-pub mod stragglers;
+pub mod spectral_peaks;
+pub mod state_continuity;
+pub mod stepwise;
+pub mod subsample;
 pub mod supposed;
-pub mod suspicion;
 pub mod tables;
-pub mod tangent;
-pub mod thin;
-pub mod tried;
-pub mod unlisted;
-pub mod valley;
+pub mod validation;

@@ -2,13 +2,16 @@
 //!
 //! RT: no.
 
-use crate::diagnose::at_rest::at_rest;
-use crate::diagnose::attribute::{Selection, forward};
+use crate::diagnose::answer_sets::{answer_sets, rejected};
 use crate::diagnose::base::{as_given, fit_recordings, fitted, floors};
-use crate::diagnose::contest::contested;
-use crate::diagnose::disagreement::{no_common_machine, unfollowed};
+use crate::diagnose::basin_hopping::escape_local_minimum;
+use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::converge_rivals::converge_rivals;
+use crate::diagnose::exchange::exchange_and_eliminate;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::headline::{costs, headline};
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::initial_guesses::candidates;
+use crate::diagnose::input_checks::{at_bounds, contradicted, suspicions};
 use crate::diagnose::interest::{Kept, split_by_interest, undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, explained_part};
 use crate::diagnose::judge::numbers::{LEAST_SHARE, LONGEST_MEMORY};
@@ -18,22 +21,19 @@ use crate::diagnose::judge::verdict::{
 };
 use crate::diagnose::laws;
 use crate::diagnose::likelihood::{is_misfit, memory, samples, squares, white};
-use crate::diagnose::linearise::tangents;
+use crate::diagnose::linearise::ltv_windows;
 use crate::diagnose::localise::places;
-use crate::diagnose::pairs::paired;
-use crate::diagnose::propose::candidates;
-use crate::diagnose::prove::{Models, proof};
-use crate::diagnose::ridge::along_ridges;
+use crate::diagnose::outliers::{cleaned, drop_spikes};
+use crate::diagnose::pairwise_exchange::exchange_pairs;
+use crate::diagnose::pooling_test::{no_common_machine, unfollowed};
+use crate::diagnose::residual_force::{Unlisted, unexplained};
+use crate::diagnose::ridge_restarts::restart_along_ridges;
 use crate::diagnose::scales::scales;
-use crate::diagnose::screen::Screen;
+use crate::diagnose::score_test::ScoreTest;
 use crate::diagnose::sentence;
-use crate::diagnose::sets::{answered, rejected};
-use crate::diagnose::spikes::{cleaned, drop_spikes};
-use crate::diagnose::suspicion::{at_bounds, contradicted, suspicions};
+use crate::diagnose::stepwise::{Selection, forward};
 use crate::diagnose::tables::{estimates, parameter_lines, ranking, undetermined_combinations};
-use crate::diagnose::tried::{Added, Trial};
-use crate::diagnose::unlisted::{Unlisted, unexplained};
-use crate::diagnose::valley::wandered;
+use crate::diagnose::validation::{Models, proof};
 use crate::identify::computed::computed_inputs;
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
@@ -126,8 +126,8 @@ struct Start {
     pooled: Pooled,
     /// Samples that were left out.
     dropped: usize,
-    given: Hypothesis,
-    base: Hypothesis,
+    given: FittedModel,
+    base: FittedModel,
     context: Context,
 }
 
@@ -159,10 +159,10 @@ impl Start {
 /// Forward selection over the library.
 fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) -> Selection {
     let Start { pooled, given, base, context, .. } = start;
-    let library = |now: &Hypothesis| {
-        let Some(windows) = tangents(now) else { return Vec::new() };
+    let library = |now: &FittedModel| {
+        let Some(windows) = ltv_windows(now) else { return Vec::new() };
         let scales = scales(now, &windows, pooled);
-        let screen = |noise: &[Colour]| Screen::new(&now.problem, &now.point, noise);
+        let screen = |noise: &[Colour]| ScoreTest::new(&now.problem, &now.point, noise);
         let (Some(fine), Some(coarse)) = (screen(&now.noise), screen(&white(&now.residuals, &context.floors))) else {
             return Vec::new();
         };
@@ -178,7 +178,7 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) 
 
 /// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.
 fn finished(
-    given: Hypothesis,
+    given: FittedModel,
     selection: Selection,
     context: &Context,
     options: Options,
@@ -189,13 +189,13 @@ fn finished(
     let refit_needed = refit_is_needed(refit, base.point.parameters.len(), context);
     said(&format!("re-fit gains {:.0}", refit.total));
     said("pairs exchanged");
-    let found = paired(found, &mut added, &last, context, said);
+    let found = exchange_pairs(found, &mut added, &last, context, said);
     said("each exchanged and left out");
-    let (found, added) = contested(found, added, context);
+    let (found, added) = exchange_and_eliminate(found, added, context);
     said("last fit");
-    let found = settled(along_ridges(found, context), context);
+    let found = settled(restart_along_ridges(found, context), context);
     said("last fit of the rivals");
-    let (found, added) = at_rest(found, added, context);
+    let (found, added) = converge_rivals(found, added, context);
     let Kept { found, added, seen } = Kept::all(found, added).without_undetermined(&base, context);
     said("what is left");
     let strict = without_slow_noise(&base, context).or_else(|| as_leader_hears(&base, &added, &last, context));
@@ -220,26 +220,31 @@ fn finished(
 
 /// True if the fit of the base ended at bounds: a number that made up for what is missing as far as it could. One step of a
 /// candidate then does not move it back, and promises nothing.
-fn is_trapped(base: &Hypothesis, experiment: &Experiment) -> bool {
+fn is_trapped(base: &FittedModel, experiment: &Experiment) -> bool {
     !at_bounds(&base.clone().with_intervals(), &experiment.rig).is_empty()
 }
 
 /// `base` with its slow noise taken for mismatch, if it has any. A slow mismatch with white noise on top passes for noise of
 /// a long memory, and that swallows whatever would explain it (seen: nine times the noise called consistent).
-fn without_slow_noise(base: &Hypothesis, context: &Context) -> Option<Hypothesis> {
+fn without_slow_noise(base: &FittedModel, context: &Context) -> Option<FittedModel> {
     if base.noise.iter().all(|colour| memory(colour) <= LONGEST_MEMORY) {
         return None;
     }
     let problem = Problem { longest_memory: LONGEST_MEMORY, ..base.problem.clone() };
-    Hypothesis::at(problem, base.point.clone(), base.information.clone(), &context.floors)
+    FittedModel::at(problem, base.point.clone(), base.information.clone(), &context.floors)
 }
 
 /// `base` with the noise that the best candidate left, where none was believed though that one gained far more than chance: what
 /// it took away passed for coloured noise (a shaken base for a ringing link without damping).
-fn as_leader_hears(base: &Hypothesis, added: &[Added], last: &[Trial], context: &Context) -> Option<Hypothesis> {
-    let heard = |t: &&Trial| is_far_beyond_chance(t.gain, t.candidate.keys.len(), context);
+fn as_leader_hears(
+    base: &FittedModel,
+    added: &[SelectedEffect],
+    last: &[CandidateFit],
+    context: &Context,
+) -> Option<FittedModel> {
+    let heard = |t: &&CandidateFit| is_far_beyond_chance(t.gain, t.candidate.keys.len(), context);
     let leader = last.first().filter(heard).filter(|_| added.is_empty())?;
-    Some(Hypothesis { noise: leader.hypothesis.noise.clone(), ..base.clone() })
+    Some(FittedModel { noise: leader.hypothesis.noise.clone(), ..base.clone() })
 }
 
 /// What to say of a search that ended early.
@@ -272,36 +277,36 @@ pub(super) fn ready(experiment: &Experiment) -> Result<(Vec<Recording>, Pooled, 
 
 /// The base fit once more on cleaned recordings.
 #[must_use]
-pub fn again(first: &Hypothesis, recordings: &[Recording], floors: &[f64]) -> Option<Hypothesis> {
+pub fn again(first: &FittedModel, recordings: &[Recording], floors: &[f64]) -> Option<FittedModel> {
     let mut problem = first.problem.clone();
     problem.recordings = Arc::new(recordings.to_vec());
     let noise = white(&first.residuals, floors);
-    let now = Hypothesis::fitted(problem, first.point.clone(), &noise, floors, Limits::default())?;
+    let now = FittedModel::fitted(problem, first.point.clone(), &noise, floors, Limits::default())?;
     let finer = now.polished(&now.noise, floors, Limits { iterations: 8, tolerance: 1e-6 });
     Some(finer.filter(|f| f.likelihood > now.likelihood).unwrap_or(now))
 }
 
 /// `base`, or if the rig as given is better, the fit that starts from there: a fit may end in a false minimum.
-fn no_worse(base: Hypothesis, given: &Hypothesis, floors: &[f64]) -> Hypothesis {
-    let total = |h: &Hypothesis| -> f64 { h.blocks(&given.noise).iter().sum() };
+fn no_worse(base: FittedModel, given: &FittedModel, floors: &[f64]) -> FittedModel {
+    let total = |h: &FittedModel| -> f64 { h.blocks(&given.noise).iter().sum() };
     if total(&base) >= total(given) {
         return base;
     }
     let noise = white(&given.residuals, floors);
-    let start = Hypothesis::fitted(base.problem.clone(), given.point.clone(), &noise, floors, Limits::default());
+    let start = FittedModel::fitted(base.problem.clone(), given.point.clone(), &noise, floors, Limits::default());
     let finer = start.and_then(|h| h.polished(&h.noise, floors, Limits { iterations: 8, tolerance: 1e-6 }).or(Some(h)));
     finer.filter(|h| total(h) > total(&base)).unwrap_or(base)
 }
 
 /// The last fit of the answer, to the last digit that counts: under the noise that it leaves, or by squares where that is
 /// misfit, then out of a false minimum too.
-fn settled(found: Hypothesis, context: &Context) -> Hypothesis {
+fn settled(found: FittedModel, context: &Context) -> FittedModel {
     let misfit = is_misfit(&found.residuals, &context.floors);
     let noise = if misfit { squares(&found.residuals, &context.floors) } else { found.noise.clone() };
-    let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
+    let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
     let finer = found.polished(&noise, &context.floors, Limits { iterations: 25, tolerance: 1e-7 });
     let finer = finer.filter(|f| total(f) >= total(&found)).unwrap_or(found);
-    let other = if misfit { wandered(&finer, context) } else { None };
+    let other = if misfit { escape_local_minimum(&finer, context) } else { None };
     other.filter(|o| total(o) > total(&finer)).unwrap_or(finer)
 }
 
@@ -324,10 +329,10 @@ pub(super) fn warnings(experiment: &Experiment, dropped: usize) -> Vec<String> {
 
 /// What the stages found.
 struct Found {
-    given: Hypothesis,
-    base: Hypothesis,
-    found: Hypothesis,
-    added: Vec<Added>,
+    given: FittedModel,
+    base: FittedModel,
+    found: FittedModel,
+    added: Vec<SelectedEffect>,
     seen: Vec<Seen>,
     rest: Option<Unlisted>,
     refit_needed: bool,
@@ -354,7 +359,7 @@ impl Found {
     }
 
     /// The model that the answer stands for: with what was found, if that is all of it.
-    fn explained(&self) -> &Hypothesis {
+    fn explained(&self) -> &FittedModel {
         if self.added.is_empty() { &self.base } else { &self.found }
     }
 
@@ -374,13 +379,13 @@ impl Found {
         &self,
         experiment: &Experiment,
         context: &Context,
-        last: &[Trial],
+        last: &[CandidateFit],
         warnings: Vec<String>,
     ) -> Result<Findings, RolloutError> {
         let explained = self.explained();
         let models = Models { given: &experiment.rig, refitted: &self.base.rig, explained: &explained.rig };
         let (fit, traces) = proof(experiment, models)?;
-        let mut missing: Vec<Missing> = answered(explained, &self.added, context);
+        let mut missing: Vec<Missing> = answer_sets(explained, &self.added, context);
         missing.extend(self.rest.as_ref().map(|u| u.entry.clone()));
         let verdict = verdict_of(&missing, self.refit_needed);
         let count = explained.rig.effects.len() - experiment.rig.effects.len();

@@ -4,16 +4,16 @@
 //! parameters from the base solution, and ranked under the noise that the best of them leaves.
 //! RT: no.
 
-use crate::diagnose::allowance::{allowance, within};
+use crate::diagnose::budget::{allowance, within};
+use crate::diagnose::candidate_fit::{CandidateFit, MOST_EFFORT, with_effect};
 use crate::diagnose::candidates::{Candidate, look_alike};
-use crate::diagnose::carry::{goes_on, has_more_states};
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::initial_states::refit_states;
 use crate::diagnose::judge::criterion::{self, Context, detection_threshold};
 use crate::diagnose::likelihood::{blocks, white};
-use crate::diagnose::screen::{Column, Own, Screen};
-use crate::diagnose::stragglers::reseated;
-use crate::diagnose::thin::{Thin, thinned};
-use crate::diagnose::tried::{MOST_EFFORT, Trial, with_effect};
+use crate::diagnose::score_test::{Column, Own, ScoreTest};
+use crate::diagnose::state_continuity::{has_continuous_states, has_more_states};
+use crate::diagnose::subsample::{Subsample, subsampled};
 use crate::identify::fit::{FreeRuns, Limits, Series};
 use crate::identify::noise::Colour;
 use crate::model::rig::{Scope, Slot};
@@ -45,8 +45,8 @@ type Ranked<'c> = (&'c Candidate, &'c [f64], f64);
 ///
 /// Base parameters and initial states are followed along the base solution's own tangent: a start then costs one run
 /// with its few own directions instead of a full linearisation.
-fn screened<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour]) -> Vec<Ranked<'c>> {
-    let Some(screen) = Screen::new(&base.problem, &base.point, noise) else { return Vec::new() };
+fn screened<'c>(base: &FittedModel, library: &'c [Candidate], noise: &[Colour]) -> Vec<Ranked<'c>> {
+    let Some(screen) = ScoreTest::new(&base.problem, &base.point, noise) else { return Vec::new() };
     let plain: Option<Vec<Vec<Series>>> = (0..base.problem.windows())
         .into_par_iter()
         .map(|w| base.problem.run(w, &base.point.parameters, &base.point.states[w], false))
@@ -71,8 +71,8 @@ fn screened<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour]) -
 
 /// Gain that `candidate` promises from `start`: the move that the start itself makes, and one step from there.
 fn promised(
-    base: &Hypothesis,
-    screen: &Screen,
+    base: &FittedModel,
+    screen: &ScoreTest,
     plain: &[Vec<Series>],
     candidate: &Candidate,
     start: &[f64],
@@ -118,7 +118,7 @@ fn slopes(runs: &[Vec<Series>], j: usize) -> Column {
 
 /// Splits the starts into those worth a full fit whatever it costs, and the others: the best, and every lookalike of the
 /// best three at the same place or any. What has inner states promises much wherever windows are many and may be no
-/// effect ([`goes_on`]): the best of the others are fitted as well.
+/// effect ([`has_continuous_states`]): the best of the others are fitted as well.
 fn split<'c>(ranked: Vec<Ranked<'c>>) -> (Vec<Ranked<'c>>, Vec<Ranked<'c>>) {
     let leaders: Vec<&Candidate> = ranked.iter().take(3).map(|r| r.0).collect();
     let wanted =
@@ -152,7 +152,7 @@ const CURIOUS: f64 = 2.0;
 
 /// What one step promises on top of a base.
 struct Look<'c> {
-    thin: Option<Thin>,
+    thin: Option<Subsample>,
     ranked: Vec<Ranked<'c>>,
     /// The best promise, on all samples.
     most: f64,
@@ -160,8 +160,8 @@ struct Look<'c> {
     samples: usize,
 }
 
-fn look<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour], context: &Context) -> Look<'c> {
-    let thin = thinned(base, library, context);
+fn look<'c>(base: &FittedModel, library: &'c [Candidate], noise: &[Colour], context: &Context) -> Look<'c> {
+    let thin = subsampled(base, library, context);
     let thinner = thin.as_ref().map(|t| t.thinner(library));
     let (fewer, samples) = thinner.as_ref().map_or((base, context.samples), |t| (&t.hypothesis, t.context.samples));
     let ranked = screened(fewer, library, noise);
@@ -172,7 +172,7 @@ fn look<'c>(base: &Hypothesis, library: &'c [Candidate], noise: &[Colour], conte
 
 /// True if no candidate promises enough on top of `base` for a round: a look costs a tenth of one.
 #[must_use]
-pub fn promises_little(base: &Hypothesis, library: &[Candidate], context: &Context) -> bool {
+pub fn promises_little(base: &FittedModel, library: &[Candidate], context: &Context) -> bool {
     criterion::promises_little(look(base, library, &white(&base.residuals, &context.floors), context).most, context)
 }
 
@@ -181,12 +181,12 @@ pub fn promises_little(base: &Hypothesis, library: &[Candidate], context: &Conte
 /// stand where this round may not come to.
 #[must_use]
 pub fn round(
-    base: &Hypothesis,
-    (fitted, earlier): (&Hypothesis, Vec<Trial>),
+    base: &FittedModel,
+    (fitted, earlier): (&FittedModel, Vec<CandidateFit>),
     library: &[Candidate],
     context: &Context,
     mut said: impl FnMut(&str),
-) -> Vec<Trial> {
+) -> Vec<CandidateFit> {
     let noise = white(&fitted.residuals, &context.floors);
     let Look { thin, ranked, most, samples } = look(base, library, &noise, context);
     let (few, rule) = thin.as_ref().map_or((base, context), |t| (&t.hypothesis, &t.context));
@@ -205,9 +205,10 @@ pub fn round(
     said(&format!("fitted, effort {:.1} M", 1e-6 * base.problem.effort.spent() as f64));
     let all = trials.into_par_iter();
     // What gains nothing and has states of its own is not worth the look: a spring stiff as a rod is costly to follow.
-    let kept = |trial: &Trial| {
+    let kept = |trial: &CandidateFit| {
         let hypothesis = &trial.hypothesis;
-        !has_more_states(base, hypothesis) || trial.gain > 0.0 && goes_on(base, hypothesis, &context.floors)
+        !has_more_states(base, hypothesis)
+            || trial.gain > 0.0 && has_continuous_states(base, hypothesis, &context.floors)
     };
     trials = all.filter(kept).collect();
     trials.extend(earlier);
@@ -219,23 +220,23 @@ pub fn round(
 
 /// The best starts fitted on `few` windows, and while the round may go on the others; ranked by `rule`.
 fn coarse_fits(
-    base: &Hypothesis,
-    (few, rule): (&Hypothesis, &Context),
+    base: &FittedModel,
+    (few, rule): (&FittedModel, &Context),
     ranked: Vec<Ranked<'_>>,
     noise: &[Colour],
     is_curious: bool,
-) -> Vec<Trial> {
+) -> Vec<CandidateFit> {
     let allowed = allowance(few);
     let fitted = |(candidate, start, _): &Ranked<'_>| {
         let (problem, point) = few.extended(with_effect(&few.rig, candidate, start));
         let hypothesis = within(allowed, base, problem, point, (noise, COARSE), rule)?;
-        Some(Trial { candidate: (*candidate).clone(), hypothesis, gain: 0.0 })
+        Some(CandidateFit { candidate: (*candidate).clone(), hypothesis, gain: 0.0 })
     };
     let effort = || base.problem.effort.spent();
     let share = if is_curious { MOST_EFFORT.saturating_sub(effort()) / CURIOSITY } else { 0 };
     let enough = effort() + share;
     let (first, rest) = split(ranked);
-    let mut trials: Vec<Trial> = first.par_iter().filter_map(fitted).collect();
+    let mut trials: Vec<CandidateFit> = first.par_iter().filter_map(fitted).collect();
     let mut left = &rest[..];
     while !left.is_empty() && effort() < enough {
         let (batch, others) = left.split_at(left.len().min(BATCH));
@@ -257,23 +258,23 @@ fn coarse_fits(
 /// `trial` fitted on from where it stands, under another noise.
 fn further(
     most: u64,
-    base: &Hypothesis,
-    trial: &Hypothesis,
+    base: &FittedModel,
+    trial: &FittedModel,
     how: (&[Colour], Limits),
     context: &Context,
-) -> Option<Hypothesis> {
+) -> Option<FittedModel> {
     within(most, base, trial.problem.clone(), trial.point.clone(), how, context)
 }
 
 /// The leaders fitted on, to all windows; who is far behind after a few steps does not catch up. Where the first fits
 /// were to fewer windows only the leaders stay: the others are not comparable.
 fn gone_on(
-    base: &Hypothesis,
-    thin: Option<&Thin>,
-    trials: Vec<Trial>,
+    base: &FittedModel,
+    thin: Option<&Subsample>,
+    trials: Vec<CandidateFit>,
     noise: &[Colour],
     context: &Context,
-) -> Vec<Trial> {
+) -> Vec<CandidateFit> {
     let (mut trials, leading) = leaders_first(base, trials);
     let most = allowance(base);
     let Some(thin) = thin else {
@@ -286,26 +287,26 @@ fn gone_on(
         return trials;
     };
     trials.truncate(leading);
-    let wide = |trial: Trial| {
+    let wide = |trial: CandidateFit| {
         let (problem, point) = thin.widened(base, &trial.hypothesis);
         let hypothesis = within(most, base, problem, point, (noise, COARSE), context)?;
-        Some(Trial { hypothesis, ..trial })
+        Some(CandidateFit { hypothesis, ..trial })
     };
     trials.into_par_iter().filter_map(wide).collect()
 }
 
-/// Those that go on first, best first, and how many. What has inner states may turn out to be no effect ([`goes_on`]):
+/// Those that go on first, best first, and how many. What has inner states may turn out to be no effect ([`has_continuous_states`]):
 /// it takes no place from those that have none, nor is it their measure.
-fn leaders_first(base: &Hypothesis, trials: Vec<Trial>) -> (Vec<Trial>, usize) {
-    let has_inner = |t: &Trial| has_more_states(base, &t.hypothesis);
-    let leads = |all: Vec<Trial>| -> (Vec<Trial>, Vec<Trial>) {
+fn leaders_first(base: &FittedModel, trials: Vec<CandidateFit>) -> (Vec<CandidateFit>, usize) {
+    let has_inner = |t: &CandidateFit| has_more_states(base, &t.hypothesis);
+    let leads = |all: Vec<CandidateFit>| -> (Vec<CandidateFit>, Vec<CandidateFit>) {
         let most = all.first().map_or(0.0, |t| t.gain);
         let count = all.iter().take(LEADING).filter(|t| t.gain > BEHIND * most).count();
         let mut all = all;
         let rest = all.split_off(count);
         (all, rest)
     };
-    let (inner, plain): (Vec<Trial>, Vec<Trial>) = trials.into_iter().partition(has_inner);
+    let (inner, plain): (Vec<CandidateFit>, Vec<CandidateFit>) = trials.into_iter().partition(has_inner);
     let ((first, rest), (others, behind)) = (leads(plain), leads(inner));
     let count = first.len() + others.len();
     ([first, others, rest, behind].into_iter().flatten().collect(), count)
@@ -316,8 +317,8 @@ fn leaders_first(base: &Hypothesis, trials: Vec<Trial>) -> (Vec<Trial>, usize) {
 /// The noise of a wrong model swallows the mismatch, so each model judged under its own noise would look much the same.
 /// Under the noise of the right one the others show what they leave; with nothing to find, that noise is as coloured
 /// as the data and nobody gains.
-fn rank(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
-    let plain = |t: &Trial| -> f64 {
+fn rank(base: &FittedModel, trials: &mut [CandidateFit], context: &Context) {
+    let plain = |t: &CandidateFit| -> f64 {
         blocks(&t.hypothesis.residuals, &white(&t.hypothesis.residuals, &context.floors)).iter().sum()
     };
     let Some(noise) = trials
@@ -337,7 +338,12 @@ fn rank(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
 
 /// The trials of two rounds from different places, as gains over `base`: of each candidate the better, best first.
 #[must_use]
-pub fn merged(base: &Hypothesis, first: Vec<Trial>, second: Vec<Trial>, context: &Context) -> Vec<Trial> {
+pub fn merged(
+    base: &FittedModel,
+    first: Vec<CandidateFit>,
+    second: Vec<CandidateFit>,
+    context: &Context,
+) -> Vec<CandidateFit> {
     let mut all = [first, second].concat();
     rank(base, &mut all, context);
     let mut out = best_of_each(all);
@@ -346,8 +352,8 @@ pub fn merged(base: &Hypothesis, first: Vec<Trial>, second: Vec<Trial>, context:
 }
 
 /// Of each candidate the first.
-fn best_of_each(all: Vec<Trial>) -> Vec<Trial> {
-    let mut out: Vec<Trial> = Vec::with_capacity(all.len());
+fn best_of_each(all: Vec<CandidateFit>) -> Vec<CandidateFit> {
+    let mut out: Vec<CandidateFit> = Vec::with_capacity(all.len());
     for trial in all {
         if !out.iter().any(|t| t.candidate.is_same_as(&trial.candidate)) {
             out.push(trial);
@@ -357,7 +363,7 @@ fn best_of_each(all: Vec<Trial>) -> Vec<Trial> {
 }
 
 /// Fits the leaders again under the noise that the best of them leaves, twice, as the leader may change.
-pub fn polish(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
+pub fn polish(base: &FittedModel, trials: &mut [CandidateFit], context: &Context) {
     let limits = Limits { iterations: 5, tolerance: 1e-4 };
     let most = allowance(base);
     for _ in 0..2 {
@@ -365,7 +371,7 @@ pub fn polish(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
         let Some(noise) = trials.first().map(|t| t.hypothesis.noise.clone()) else { return };
         let count = trials.iter().take(POLISHED).filter(|t| t.gain > 0.5 * trials[0].gain).count();
         trials[..count].par_iter_mut().for_each(|trial| {
-            let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
+            let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
             let finer = further(most, base, &trial.hypothesis, (&noise, limits), context);
             if let Some(finer) = finer.filter(|f| total(f) >= total(&trial.hypothesis)) {
                 trial.hypothesis = finer;
@@ -377,7 +383,7 @@ pub fn polish(base: &Hypothesis, trials: &mut [Trial], context: &Context) {
     }
     let count = trials.iter().take(POLISHED).filter(|t| t.gain > 0.5 * trials[0].gain).count();
     trials[..count].par_iter_mut().for_each(|trial| {
-        if let Some(better) = reseated(&trial.hypothesis, &context.floors) {
+        if let Some(better) = refit_states(&trial.hypothesis, &context.floors) {
             trial.hypothesis = better;
         }
     });

@@ -2,8 +2,8 @@
 //!
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::tangent::Tangent;
+use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::ltv::LtvWindow;
 use crate::identify::rollout::Pooled;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{MechanismKind, Setup};
@@ -81,7 +81,7 @@ pub struct Scales {
 
 /// Scales of a hypothesis and its tangent.
 #[must_use]
-pub fn scales(of: &Hypothesis, windows: &[Tangent], pooled: &Pooled) -> Scales {
+pub fn scales(of: &FittedModel, windows: &[LtvWindow], pooled: &Pooled) -> Scales {
     let recordings = &of.problem.recordings;
     let steps: Vec<f64> = recordings.iter().flat_map(|r| r.times.windows(2).map(|p| p[1] - p[0])).collect();
     let compass = of.rig.mechanism == MechanismKind::CompassGait;
@@ -116,17 +116,17 @@ fn median(all: &[f64]) -> f64 {
 }
 
 /// Largest torque or force that actuator `a` applied.
-fn peak(of: &Hypothesis, a: usize) -> f64 {
+fn peak(of: &FittedModel, a: usize) -> f64 {
     let gain = of.rig.actuators[a].gain.value;
     of.problem.recordings.iter().flat_map(|r| &r.inputs[a]).map(|u| (gain * u).abs()).fold(0.0, f64::max)
 }
 
-fn joint(of: &Hypothesis, windows: &[Tangent], j: usize) -> JointScale {
+fn joint(of: &FittedModel, windows: &[LtvWindow], j: usize) -> JointScale {
     let coordinates = of.rig.mechanism.coordinates().len();
     let column = |i: usize| -> Vec<f64> { windows.iter().flat_map(|w| w.states.iter().map(move |s| s[i])).collect() };
     let (angle, rate) = (column(j), column(coordinates + j));
     let extreme = |sign: f64| angle.iter().map(|x| sign * x).fold(f64::NEG_INFINITY, f64::max);
-    let stroke = |w: &Tangent| {
+    let stroke = |w: &LtvWindow| {
         let extreme = |sign: f64| w.states.iter().map(|s| sign * s[j]).fold(f64::NEG_INFINITY, f64::max);
         0.5 * (extreme(1.0) + extreme(-1.0))
     };
@@ -162,7 +162,7 @@ fn is_borne(name: &str, setup: Option<Setup>) -> bool {
 
 /// Inertia that a force at joint `j` feels: median over the rows of time over change of rate, where it moves at all (a
 /// set-up may hold the joint).
-fn inertia(windows: &[Tangent], j: usize) -> f64 {
+fn inertia(windows: &[LtvWindow], j: usize) -> f64 {
     let mut all: Vec<(f64, f64)> = Vec::new();
     for w in windows {
         for k in (0..w.rows().saturating_sub(1)).step_by(7) {

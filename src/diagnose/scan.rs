@@ -3,8 +3,8 @@
 //!
 //! RT: no.
 
-use crate::diagnose::screen::{Column, Own, Score, Screen};
-use crate::diagnose::tangent::{Tangent, force_column, local_force, reading_column};
+use crate::diagnose::ltv::{LtvWindow, force_column, local_force, reading_column};
+use crate::diagnose::score_test::{Column, Own, Score, ScoreTest};
 use crate::identify::fit::Series;
 use rayon::prelude::*;
 
@@ -23,7 +23,7 @@ fn best<T: Send>(hits: Vec<Hit<T>>) -> Option<Hit<T>> {
 
 /// Orders of a torque that goes with `sin` and `cos` of `order * q`, best first. Amplitudes: sine, cosine.
 #[must_use]
-pub fn ripple(screen: &Screen, windows: &[Tangent], joint: usize, orders: &[f64]) -> Vec<Hit<f64>> {
+pub fn ripple(screen: &ScoreTest, windows: &[LtvWindow], joint: usize, orders: &[f64]) -> Vec<Hit<f64>> {
     let one = |order: &f64| {
         let wave = |shift: f64| force_column(windows, joint, move |w, k| libm::sin(order * w.states[k][joint] + shift));
         Hit { at: *order, score: screen.score(&[wave(0.0), wave(std::f64::consts::FRAC_PI_2)]) }
@@ -35,14 +35,14 @@ pub fn ripple(screen: &Screen, windows: &[Tangent], joint: usize, orders: &[f64]
 
 /// A force that falls linearly with the coordinate: amplitudes of its slope and of its level at zero.
 #[must_use]
-pub fn linear(screen: &Screen, windows: &[Tangent], joint: usize) -> Score {
+pub fn linear(screen: &ScoreTest, windows: &[LtvWindow], joint: usize) -> Score {
     let level = force_column(windows, joint, |_, _| 1.0);
     screen.score(&[force_column(windows, joint, |w, k| -w.states[k][joint]), level])
 }
 
 /// Best instant of one push at `joint`: window and row. The amplitude is an impulse.
 #[must_use]
-pub fn push(screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Hit<(usize, usize)>> {
+pub fn push(screen: &ScoreTest, windows: &[LtvWindow], joint: usize) -> Option<Hit<(usize, usize)>> {
     let one = |at: (usize, usize)| {
         let w = &windows[at.0];
         let dt = w.t_s[at.1 + 1] - w.t_s[at.1];
@@ -54,14 +54,14 @@ pub fn push(screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Hit<(u
 
 /// Best instant at which `channel` jumps and stays, also over the following windows of the same recording.
 #[must_use]
-pub fn jump(screen: &Screen, windows: &[Tangent], channel: usize) -> Option<Hit<(usize, usize)>> {
+pub fn jump(screen: &ScoreTest, windows: &[LtvWindow], channel: usize) -> Option<Hit<(usize, usize)>> {
     let one = |at: (usize, usize)| Hit { at, score: screen.score(&[jump_column(windows, channel, at)]) };
     best(instants(windows).into_par_iter().map(one).collect())
 }
 
-fn jump_column(windows: &[Tangent], channel: usize, at: (usize, usize)) -> Column {
+fn jump_column(windows: &[LtvWindow], channel: usize, at: (usize, usize)) -> Column {
     let (recording, from_s) = (windows[at.0].recording, windows[at.0].t_s[at.1]);
-    let column = |w: &Tangent| {
+    let column = |w: &LtvWindow| {
         if w.recording != recording || w.t_s.last().is_none_or(|t| *t < from_s) {
             return Vec::new();
         }
@@ -71,11 +71,11 @@ fn jump_column(windows: &[Tangent], channel: usize, at: (usize, usize)) -> Colum
 }
 
 /// At most some 400 instants per recording, spread evenly.
-fn instants(windows: &[Tangent]) -> Vec<(usize, usize)> {
-    let rows: usize = windows.iter().map(Tangent::rows).sum();
+fn instants(windows: &[LtvWindow]) -> Vec<(usize, usize)> {
+    let rows: usize = windows.iter().map(LtvWindow::rows).sum();
     let recordings = windows.iter().map(|w| w.recording).max().unwrap_or(0) + 1;
     let stride = (rows / (400 * recordings)).max(1);
-    let of = |(w, tangent): (usize, &Tangent)| -> Vec<(usize, usize)> {
+    let of = |(w, tangent): (usize, &LtvWindow)| -> Vec<(usize, usize)> {
         (1..tangent.rows().saturating_sub(2)).step_by(stride).map(|k| (w, k)).collect()
     };
     windows.iter().enumerate().flat_map(of).collect()
@@ -113,7 +113,7 @@ fn hat(knots: &[f64], i: usize, x: f64) -> f64 {
     (1.0 - ((x - knots[i]) / width).abs()).max(0.0)
 }
 
-fn range(windows: &[Tangent], value: impl Fn(&Tangent, usize) -> f64) -> (f64, f64) {
+fn range(windows: &[LtvWindow], value: impl Fn(&LtvWindow, usize) -> f64) -> (f64, f64) {
     let mut all: Vec<f64> =
         windows.iter().flat_map(|w| (0..w.rows()).map(|k| value(w, k)).collect::<Vec<_>>()).collect();
     all.sort_by(f64::total_cmp);
@@ -124,10 +124,10 @@ fn range(windows: &[Tangent], value: impl Fn(&Tangent, usize) -> f64) -> (f64, f
 
 /// The free force curve at `joint` over angle or rate with so many knots, all recordings together.
 #[must_use]
-pub fn state_curve(screen: &Screen, windows: &[Tangent], joint: usize, over: Over, count: usize) -> Option<Curve> {
+pub fn state_curve(screen: &ScoreTest, windows: &[LtvWindow], joint: usize, over: Over, count: usize) -> Option<Curve> {
     let coordinates = windows.first()?.states.first()?.len() / 2;
     let index = if over == Over::Angle { joint } else { coordinates + joint };
-    let value = |w: &Tangent, k: usize| w.states[k][index];
+    let value = |w: &LtvWindow, k: usize| w.states[k][index];
     let (low, high) = range(windows, value);
     if high - low <= 0.0 || !(high - low).is_finite() {
         return None;
@@ -142,8 +142,14 @@ pub fn state_curve(screen: &Screen, windows: &[Tangent], joint: usize, over: Ove
 
 /// The free force curve at `joint` over the time of one recording, one knot every `knot_s`.
 #[must_use]
-pub fn time_curve(screen: &Screen, windows: &[Tangent], joint: usize, recording: usize, knot_s: f64) -> Option<Curve> {
-    let mine: Vec<&Tangent> = windows.iter().filter(|w| w.recording == recording).collect();
+pub fn time_curve(
+    screen: &ScoreTest,
+    windows: &[LtvWindow],
+    joint: usize,
+    recording: usize,
+    knot_s: f64,
+) -> Option<Curve> {
+    let mine: Vec<&LtvWindow> = windows.iter().filter(|w| w.recording == recording).collect();
     let (from, to) = (*mine.first()?.t_s.first()?, *mine.last()?.t_s.last()?);
     let count = ((to - from) / knot_s).ceil().clamp(2.0, 400.0) as usize;
     let knots: Vec<f64> = (0..=count).map(|i| from + (to - from) * i as f64 / count as f64).collect();
@@ -151,7 +157,7 @@ pub fn time_curve(screen: &Screen, windows: &[Tangent], joint: usize, recording:
     let columns: Vec<Column> = (0..=count)
         .into_par_iter()
         .map(|i| {
-            let of = |w: &Tangent| {
+            let of = |w: &LtvWindow| {
                 let outside = w.recording != recording
                     || w.t_s.last().is_none_or(|t| *t < knots[i] - width)
                     || w.t_s.first().is_none_or(|t| *t > knots[i] + width);
@@ -165,7 +171,7 @@ pub fn time_curve(screen: &Screen, windows: &[Tangent], joint: usize, recording:
 
 /// Best frequency of a force at `joint` that oscillates with time, its phase free in each recording.
 #[must_use]
-pub fn vibration(screen: &Screen, windows: &[Tangent], joint: usize, hz: &[f64]) -> Option<Hit<f64>> {
+pub fn vibration(screen: &ScoreTest, windows: &[LtvWindow], joint: usize, hz: &[f64]) -> Option<Hit<f64>> {
     let recordings = windows.iter().map(|w| w.recording).max()? + 1;
     let one = |f: &f64| {
         let mut columns = Vec::new();
@@ -179,9 +185,9 @@ pub fn vibration(screen: &Screen, windows: &[Tangent], joint: usize, hz: &[f64])
     best(hz.par_iter().map(one).collect())
 }
 
-fn vibration_column(windows: &[Tangent], joint: usize, recording: usize, hz: f64, shift: f64) -> Column {
+fn vibration_column(windows: &[LtvWindow], joint: usize, recording: usize, hz: f64, shift: f64) -> Column {
     let omega = 2.0 * std::f64::consts::PI * hz;
-    let of = |w: &Tangent| {
+    let of = |w: &LtvWindow| {
         if w.recording == recording { w.respond(joint, |k| libm::sin(omega * w.t_s[k] + shift)) } else { Vec::new() }
     };
     windows.iter().map(of).collect()
@@ -191,7 +197,12 @@ fn vibration_column(windows: &[Tangent], joint: usize, recording: usize, hz: f64
 /// that it goes on from. Chow's test (Econometrica 28, 1960) over all instants, linear around the fit whose `runs` with their
 /// slopes these are; the gain is what other numbers bring beyond what another state alone does.
 #[must_use]
-pub fn change(screen: &Screen, windows: &[Tangent], runs: &[Vec<Series>], shared: usize) -> Option<Hit<(usize, f64)>> {
+pub fn change(
+    screen: &ScoreTest,
+    windows: &[LtvWindow],
+    runs: &[Vec<Series>],
+    shared: usize,
+) -> Option<Hit<(usize, f64)>> {
     let recordings = windows.iter().map(|w| w.recording).max()? + 1;
     let instants = |recording: usize| {
         let mine =
@@ -208,8 +219,8 @@ pub fn change(screen: &Screen, windows: &[Tangent], runs: &[Vec<Series>], shared
             };
             runs[w].iter().map(masked).collect()
         };
-        let is_after = |w: &Tangent| w.recording == at.0 && w.t_s.last().is_some_and(|t| *t >= at.1);
-        let is_split = |w: &Tangent| is_after(w) && w.t_s.first().is_some_and(|t| *t < at.1);
+        let is_after = |w: &LtvWindow| w.recording == at.0 && w.t_s.last().is_some_and(|t| *t >= at.1);
+        let is_split = |w: &LtvWindow| is_after(w) && w.t_s.first().is_some_and(|t| *t < at.1);
         let column = |p: usize| -> Column {
             windows.iter().enumerate().map(|(w, t)| if is_after(t) { after(w, p) } else { Vec::new() }).collect()
         };
@@ -231,7 +242,7 @@ const CHANGES: usize = 40;
 
 /// Gain of a once-per-turn error of `channel` that reads coordinate `joint`. Amplitudes: sine, cosine.
 #[must_use]
-pub fn eccentricity(screen: &Screen, windows: &[Tangent], channel: usize, joint: usize) -> Score {
+pub fn eccentricity(screen: &ScoreTest, windows: &[LtvWindow], channel: usize, joint: usize) -> Score {
     let wave = |shift: f64| reading_column(windows, channel, move |w, k| libm::sin(w.states[k][joint] + shift));
     screen.score(&[wave(0.0), wave(std::f64::consts::FRAC_PI_2)])
 }
@@ -239,12 +250,12 @@ pub fn eccentricity(screen: &Screen, windows: &[Tangent], channel: usize, joint:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::tangent::tests::mass;
+    use crate::diagnose::ltv::tests::mass;
     use crate::identify::fit::{FreeRuns, Point};
     use crate::identify::noise::Colour;
 
     /// A mass whose truth had a push of 0.02 N s at row 40.
-    struct Pushed(Tangent);
+    struct Pushed(LtvWindow);
 
     impl FreeRuns for Pushed {
         fn windows(&self) -> usize {
@@ -262,7 +273,7 @@ mod tests {
     fn a_push_is_found_at_its_instant_with_its_impulse() {
         let runs = Pushed(mass());
         let at = Point { parameters: vec![], states: vec![vec![0.0, 0.0]] };
-        let screen = Screen::new(&runs, &at, &[Colour::white(0.1)]).unwrap();
+        let screen = ScoreTest::new(&runs, &at, &[Colour::white(0.1)]).unwrap();
         let hit = push(&screen, std::slice::from_ref(&runs.0), 0).unwrap();
         assert_eq!(hit.at, (0, 40));
         assert!((hit.score.amplitudes[0] - 0.02).abs() < 1e-4, "{:?}", hit.score);
@@ -272,7 +283,7 @@ mod tests {
     fn a_force_over_time_is_recovered_as_a_curve() {
         let runs = Pushed(mass());
         let at = Point { parameters: vec![], states: vec![vec![0.0, 0.0]] };
-        let screen = Screen::new(&runs, &at, &[Colour::white(0.001)]).unwrap();
+        let screen = ScoreTest::new(&runs, &at, &[Colour::white(0.001)]).unwrap();
         let curve = time_curve(&screen, std::slice::from_ref(&runs.0), 0, 0, 0.05).unwrap();
         let peak = (0..curve.knots.len())
             .max_by(|a, b| curve.score.amplitudes[*a].abs().total_cmp(&curve.score.amplitudes[*b].abs()));

@@ -2,14 +2,14 @@
 //!
 //! RT: no.
 
+use crate::diagnose::candidate_fit::with_effect;
 use crate::diagnose::candidates::Candidate;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::initial_guesses::candidates;
 use crate::diagnose::likelihood::white;
-use crate::diagnose::linearise::tangents;
-use crate::diagnose::propose::candidates;
+use crate::diagnose::linearise::ltv_windows;
 use crate::diagnose::scales::scales;
-use crate::diagnose::screen::Screen;
-use crate::diagnose::tried::with_effect;
+use crate::diagnose::score_test::ScoreTest;
 use crate::identify::fit::Limits;
 use crate::identify::rollout::Pooled;
 use crate::model::effect::EffectKind;
@@ -56,22 +56,22 @@ const LOOK: Limits = Limits { iterations: 6, tolerance: 3e-4 };
 /// `base` with `supposed` on top, all numbers fitted again: of all places and starts the likeliest. `None` if this rig has
 /// no place for it, or no start stays finite.
 #[must_use]
-pub fn with_supposed(base: &Hypothesis, supposed: &Supposed, pooled: &Pooled, floors: &[f64]) -> Option<Hypothesis> {
-    let windows = tangents(base)?;
+pub fn with_supposed(base: &FittedModel, supposed: &Supposed, pooled: &Pooled, floors: &[f64]) -> Option<FittedModel> {
+    let windows = ltv_windows(base)?;
     let scales = scales(base, &windows, pooled);
     let noise = white(&base.residuals, floors);
-    let fine = Screen::new(&base.problem, &base.point, &base.noise)?;
-    let coarse = Screen::new(&base.problem, &base.point, &noise)?;
+    let fine = ScoreTest::new(&base.problem, &base.point, &base.noise)?;
+    let coarse = ScoreTest::new(&base.problem, &base.point, &noise)?;
     let mut library = candidates(base, &scales, [&fine, &coarse], &windows);
     library.retain(|candidate| supposed.is(candidate));
     let starts: Vec<(&Candidate, &Vec<f64>)> =
         library.iter().flat_map(|c| c.starts.iter().map(move |s| (c, s))).collect();
     let fitted = |(candidate, start): &(&Candidate, &Vec<f64>)| {
         let (problem, point) = base.extended(with_effect(&base.rig, candidate, start));
-        Hypothesis::fitted(problem, point, &noise, floors, LOOK)
+        FittedModel::fitted(problem, point, &noise, floors, LOOK)
     };
-    let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
-    let looks: Vec<Hypothesis> = starts.par_iter().filter_map(fitted).collect();
+    let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
+    let looks: Vec<FittedModel> = starts.par_iter().filter_map(fitted).collect();
     let best = looks.into_iter().max_by(|a, b| total(a).total_cmp(&total(b)))?;
     let own = white(&best.residuals, floors);
     best.polished(&own, floors, Limits::default()).or(Some(best))

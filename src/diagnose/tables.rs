@@ -2,16 +2,16 @@
 //!
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::criterion::{Context, explained_part};
 use crate::diagnose::judge::verdict::{Estimate, ParameterLine, Ranked};
-use crate::diagnose::tried::{Added, Trial};
 use crate::identify::identifiability::{Scaled, deviations, undetermined};
 use crate::identify::noise::median_abs;
 use crate::model::rig::{Scope, Slot};
 
 /// Free numbers of a hypothesis with their names and scales; numbers over decades are relative already.
-fn scaled(of: &Hypothesis) -> Vec<Scaled> {
+fn scaled(of: &FittedModel) -> Vec<Scaled> {
     let values = of.problem.values(&of.point.parameters);
     let one = |i: usize| {
         let entry = &of.problem.theta.entries[i];
@@ -26,7 +26,7 @@ fn scaled(of: &Hypothesis) -> Vec<Scaled> {
 ///
 /// That a number lies within its bounds is known beforehand (as a uniform density: variance of width² / 12). And a number
 /// that the data hold at a bound is no freedom of the others: with it they would seem unknown where they are not.
-fn spreads(of: &Hypothesis) -> Vec<f64> {
+fn spreads(of: &FittedModel) -> Vec<f64> {
     let (bounds, scales) = (of.problem.bounds(), scaled(of));
     let mut known = of.information.clone();
     for (i, b) in bounds.iter().enumerate() {
@@ -50,7 +50,7 @@ fn spreads(of: &Hypothesis) -> Vec<f64> {
 
 /// Value and standard deviation of every free number, by name.
 #[must_use]
-pub fn estimates(of: &Hypothesis) -> Vec<(String, Estimate)> {
+pub fn estimates(of: &FittedModel) -> Vec<(String, Estimate)> {
     let values = of.problem.values(&of.point.parameters);
     let spread = spreads(of);
     let one = |(i, (value, std)): (usize, (&f64, &f64))| {
@@ -65,7 +65,7 @@ pub fn estimates(of: &Hypothesis) -> Vec<(String, Estimate)> {
 /// Its deviation is what the residual shows. Its interval holds besides that a recording tells when only to a sample: a
 /// simulation that acts or reads half a step elsewhere is no other machine. So what is a time has the variance of an even
 /// density over one sample on top, whatever it is the time of.
-fn estimate(of: &Hypothesis, i: usize, value: f64, std: f64) -> Estimate {
+fn estimate(of: &FittedModel, i: usize, value: f64, std: f64) -> Estimate {
     let spread = if of.problem.logarithmic[i] { std * value } else { std };
     // Of what the data does not see, the value itself is the scale.
     let spread = if spread.is_finite() { spread } else { value.abs() };
@@ -80,21 +80,21 @@ fn estimate(of: &Hypothesis, i: usize, value: f64, std: f64) -> Estimate {
 }
 
 /// True if number `i` is in seconds.
-fn is_time(of: &Hypothesis, i: usize) -> bool {
+fn is_time(of: &FittedModel, i: usize) -> bool {
     let Slot::Effect(Scope::Rig, e, k) = of.problem.theta.entries[i].slot else { return false };
     of.problem.rig.effects.get(e).and_then(|effect| effect.kind.keys().get(k)).is_some_and(|key| key.unit == "s")
 }
 
 /// Median time between two rows of the recordings that were fitted, s.
 #[must_use]
-pub fn step_s(of: &Hypothesis) -> f64 {
+pub fn step_s(of: &FittedModel) -> f64 {
     let steps = of.problem.recordings.iter().flat_map(|r| r.times.windows(2).map(|t| t[1] - t[0]));
     median_abs(&steps.collect::<Vec<_>>())
 }
 
 /// Combinations that the data does not determine, in words.
 #[must_use]
-pub fn undetermined_combinations(of: &Hypothesis) -> Vec<String> {
+pub fn undetermined_combinations(of: &FittedModel) -> Vec<String> {
     if of.information.nrows() == 0 || of.information.amax() == 0.0 {
         return Vec::new();
     }
@@ -103,8 +103,8 @@ pub fn undetermined_combinations(of: &Hypothesis) -> Vec<String> {
 
 /// Parameters before and after.
 #[must_use]
-pub fn parameter_lines(given: &Hypothesis, base: &Hypothesis, explained: &Hypothesis) -> Vec<ParameterLine> {
-    let before = |h: &Hypothesis, name: &str| {
+pub fn parameter_lines(given: &FittedModel, base: &FittedModel, explained: &FittedModel) -> Vec<ParameterLine> {
+    let before = |h: &FittedModel, name: &str| {
         h.problem.theta.index_of(name).map_or(f64::NAN, |i| h.problem.values(&h.point.parameters)[i])
     };
     let line = |(i, (name, explained_by)): (usize, (String, Estimate))| {
@@ -124,7 +124,7 @@ pub fn parameter_lines(given: &Hypothesis, base: &Hypothesis, explained: &Hypoth
 
 /// The candidates of the first round (or of the last, if nothing was added), best first.
 #[must_use]
-pub fn ranking(base: &Hypothesis, added: &[Added], last: &[Trial], context: &Context) -> Vec<Ranked> {
+pub fn ranking(base: &FittedModel, added: &[SelectedEffect], last: &[CandidateFit], context: &Context) -> Vec<Ranked> {
     let mut out = Vec::new();
     let trials = added.first().map_or(last, |a| &a.others);
     if let Some(first) = added.first() {
@@ -136,7 +136,7 @@ pub fn ranking(base: &Hypothesis, added: &[Added], last: &[Trial], context: &Con
             chosen: true,
         });
     }
-    let chosen = |t: &Trial| added.iter().any(|a| a.candidate.is_same_as(&t.candidate));
+    let chosen = |t: &CandidateFit| added.iter().any(|a| a.candidate.is_same_as(&t.candidate));
     out.extend(trials.iter().take(11).map(|t| Ranked {
         effect: t.candidate.effect.into(),
         at: t.candidate.place(),
@@ -166,7 +166,7 @@ mod tests {
         // Of gain / 0.3 - inertia / 0.01.
         let information = dmatrix![1e10, -1e10 / 30.0; -1e10 / 30.0, 1e10 / 900.0];
         let of =
-            Hypothesis::at(problem, Point { parameters: vec![inertia, 0.3], states }, information, &[1e-3]).unwrap();
+            FittedModel::at(problem, Point { parameters: vec![inertia, 0.3], states }, information, &[1e-3]).unwrap();
         let known = estimates(&of);
         [known[0].1.std, known[1].1.std]
     }

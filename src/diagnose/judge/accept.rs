@@ -9,26 +9,26 @@ use super::numbers::{
     AT_BOUND, BEYOND_DOUBT, FURTHER, FURTHER_ALONE, FURTHER_IN_MISFIT, KEPT, KEPT_OF_MUCH, LEAST_SWINGS, MUCH, NEARLY,
     NOTICED_PER_SAMPLE, SHAKEN, SINGLE_EVENT, STRENGTH_DEVIATIONS,
 };
+use crate::diagnose::candidate_fit::CandidateFit;
 use crate::diagnose::candidates::Candidate;
-use crate::diagnose::carry::is_externally_driven;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::likelihood::{Difference, is_misfit};
+use crate::diagnose::state_continuity::is_externally_driven;
 use crate::diagnose::tables::estimates;
-use crate::diagnose::tried::Trial;
 use crate::model::effect::{EffectKind, Key, Role};
 use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Effect, Rig, Scope, Slot, Value};
 
 /// True if a bristle is in the rig: what damps it no contract or catalogue tells, and another damping leaves a tenth (seen: a
 /// sensor scale of .74 made up for it).
-fn has_bristle(now: &Hypothesis) -> bool {
+fn has_bristle(now: &FittedModel) -> bool {
     now.rig.effects.iter().any(|effect| effect.kind == EffectKind::Presliding)
 }
 
 /// True if `trial` explains enough to be accepted. `all`: the trials of its round.
 fn explains_enough(
-    base: &Hypothesis,
-    (trial, all): (&Trial, &[Trial]),
+    base: &FittedModel,
+    (trial, all): (&CandidateFit, &[CandidateFit]),
     explained_before: f64,
     context: &Context,
 ) -> bool {
@@ -36,7 +36,7 @@ fn explains_enough(
     // A second effect must not live off the first one's imperfect form.
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
     let inexact = misfit || has_bristle(base);
-    let other = |t: &Trial| t.candidate.effect != trial.candidate.effect && t.gain > NEARLY * trial.gain;
+    let other = |t: &CandidateFit| t.candidate.effect != trial.candidate.effect && t.gain > NEARLY * trial.gain;
     let least = match (inexact, all.iter().any(other)) {
         (true, _) => FURTHER_IN_MISFIT,
         (false, true) => FURTHER,
@@ -63,7 +63,7 @@ fn explains_enough(
 /// True if effect `e` of `of` is one that was found: no number of it at the edge of its range, and no mode that something else
 /// shakes.
 #[must_use]
-pub fn is_admissible(of: &Hypothesis, e: usize, context: &Context) -> bool {
+pub fn is_admissible(of: &FittedModel, e: usize, context: &Context) -> bool {
     !of.rig.effects.get(e).is_some_and(is_at_bound) && !is_externally_driven(of, e, &context.floors)
 }
 
@@ -77,11 +77,11 @@ pub fn is_significant(candidate: &Candidate, gain: f64, sure: Difference, contex
 /// True for a single event where a resonance that is none ([`is_admissible`]) gains far more: something shakes the machine, and a push
 /// fits a piece of that.
 #[must_use]
-pub fn is_piece_of_vibration(trial: &Trial, all: &[Trial], context: &Context) -> bool {
-    let far = |t: &Trial| {
+pub fn is_piece_of_vibration(trial: &CandidateFit, all: &[CandidateFit], context: &Context) -> bool {
+    let far = |t: &CandidateFit| {
         t.gain - trial.gain > (SHAKEN * trial.gain).max(detection_threshold(context, t.candidate.keys.len()))
     };
-    let rings = |t: &Trial| {
+    let rings = |t: &CandidateFit| {
         let effects = &t.hypothesis.rig.effects;
         effects.last().is_some_and(|e| e.get("frequency").is_some())
             && !is_admissible(&t.hypothesis, effects.len() - 1, context)
@@ -107,8 +107,8 @@ pub fn is_at_bound(effect: &Effect) -> bool {
 /// True if `trial` explains enough and holds on recordings that it was not fitted to. `all`: the trials of its round; `kept`: asked
 /// last, the part of its gain that it keeps when each recording is predicted from the others (`None`: there is but one).
 pub fn is_accepted(
-    now: &Hypothesis,
-    (trial, all): (&Trial, &[Trial]),
+    now: &FittedModel,
+    (trial, all): (&CandidateFit, &[CandidateFit]),
     explained: f64,
     kept: impl FnOnce() -> Option<f64>,
     context: &Context,
@@ -136,7 +136,7 @@ pub fn is_accepted(
 /// True if the 95 % interval of the strength of effect `e` reaches nothing, with all that widens an interval: such a number is no
 /// explanation. `of`: with intervals. What is absent at infinity (a stiffness, a limit) is judged by its inverse.
 #[must_use]
-pub fn strength_is_undetermined(of: &Hypothesis, e: usize) -> bool {
+pub fn strength_is_undetermined(of: &FittedModel, e: usize) -> bool {
     let Some(effect) = of.rig.effects.get(e) else { return false };
     let known = estimates(of);
     let unsure = |(k, key): (usize, &Key)| {
@@ -153,7 +153,7 @@ pub fn strength_is_undetermined(of: &Hypothesis, e: usize) -> bool {
 }
 
 /// True if the fit left the candidate's strength at nothing.
-fn is_at_zero(trial: &Trial) -> bool {
+fn is_at_zero(trial: &CandidateFit) -> bool {
     let Some(effect) = trial.hypothesis.rig.effects.last() else { return true };
     effect.values.iter().all(|v| v.value == 0.0)
 }
@@ -176,7 +176,7 @@ mod tests {
         let context = Context { floors: vec![1e-3], samples: 1000, given: 0, is_trapped: false, seed: 1 };
         let mut push = trial("external_push", 2, 400.0);
         push.candidate.only = Some("a.csv".into());
-        let ringing = |push: &Trial, damping: f64, gain: f64| {
+        let ringing = |push: &CandidateFit, damping: f64, gain: f64| {
             let mut trial = trial("link_flexibility", 3, gain);
             let values = [3.0, damping, 0.1].map(|x| Value::free(x, 0.002, 60.0)).to_vec();
             trial.hypothesis.rig.effects.push(Effect::new(EffectKind::LinkFlexibility, "q1", values));

@@ -6,17 +6,17 @@ use super::accept::is_at_bound;
 use super::criterion::{Context, compare};
 use super::numbers::{APART, FORM, FORM_AT_MOST, FORM_IN_MISFIT, LEAST_WEIGHT, MEMBER_GAIN, ONE_NUMBER};
 use super::simplicity::LIMITS_OF;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::candidate_fit::CandidateFit;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::likelihood::{Difference, is_misfit};
-use crate::diagnose::tried::Trial;
 use crate::model::rig::Effect;
 
 /// Weight of `trial` against 1 of the winner, if the data do not tell it from the effect at `place` of the winner, which gained
 /// `gain`.
 #[must_use]
 pub fn weight_in_set(
-    winner: &Hypothesis,
-    trial: &Trial,
+    winner: &FittedModel,
+    trial: &CandidateFit,
     (place, gain): (usize, f64),
     context: &Context,
 ) -> Option<f64> {

@@ -3,7 +3,7 @@
 //! RT: no.
 
 use super::numbers::{LEAST_GAIN, LEAST_GAIN_PER_SAMPLE, LEAST_PROMISE};
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::likelihood::{Difference, difference};
 
 /// What every comparison needs to know of the case.
@@ -37,14 +37,14 @@ pub fn promises_little(most: f64, context: &Context) -> bool {
 
 /// How much better `a` is than `b` under the noise that `a` leaves.
 #[must_use]
-pub fn compare(a: &Hypothesis, b: &Hypothesis, context: &Context) -> Difference {
+pub fn compare(a: &FittedModel, b: &FittedModel, context: &Context) -> Difference {
     difference(&a.blocks(&a.noise), &b.blocks(&a.noise), context.seed)
 }
 
 /// Part of the misfit energy above the noise that `after` removes.
 #[must_use]
-pub fn explained_part(before: &Hypothesis, after: &Hypothesis, context: &Context) -> f64 {
-    let energy = |h: &Hypothesis| -> f64 {
+pub fn explained_part(before: &FittedModel, after: &FittedModel, context: &Context) -> f64 {
+    let energy = |h: &FittedModel| -> f64 {
         let runs = h.residuals.iter().zip(&after.noise).zip(&context.floors).filter(|(_, f)| f.is_finite());
         runs.map(|((r, c), _)| r.iter().flatten().map(|x| (x / c.sigma).powi(2)).sum::<f64>()).sum()
     };

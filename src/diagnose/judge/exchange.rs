@@ -6,14 +6,20 @@ use super::accept::is_significant;
 use super::criterion::{Context, compare, detection_threshold};
 use super::numbers::{CLEAR_LEAD, NOT_ITS_OWN, SIMPLER};
 use super::simplicity::LIMITS_OF;
+use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::candidates::Candidate;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::likelihood::Difference;
-use crate::diagnose::tried::{Added, Trial};
 
 /// True if `rival` should stand in the place of `added`, whose gain is `kept`.
 #[must_use]
-pub fn takes_its_place(found: &Hypothesis, rival: &Trial, added: &Added, kept: f64, context: &Context) -> bool {
+pub fn takes_its_place(
+    found: &FittedModel,
+    rival: &CandidateFit,
+    added: &SelectedEffect,
+    kept: f64,
+    context: &Context,
+) -> bool {
     let richer = LIMITS_OF.contains(&(added.candidate.effect, rival.candidate.effect));
     let least = if richer { (1.0 - SIMPLER) * kept } else { 0.0 };
     compare(found, &rival.hypothesis, context).total < -least.max(CLEAR_LEAD)

@@ -4,10 +4,10 @@
 
 use super::criterion::Context;
 use super::numbers::{PERIODS, PERIODS_IN_MISFIT, UNRESOLVED};
+use crate::diagnose::candidate_fit::CandidateFit;
 use crate::diagnose::candidates::Candidate;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::tried::Trial;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{MechanismKind, Rig, Sensor};
 
@@ -23,19 +23,19 @@ pub fn is_local_term(rig: &Rig, kind: EffectKind) -> bool {
 
 /// True for a push, a jump or a few waves of a ripple where more than noise stays: they fit a piece of any smooth misfit.
 #[must_use]
-pub fn is_overly_flexible(base: &Hypothesis, trial: &Trial, context: &Context) -> bool {
+pub fn is_overly_flexible(base: &FittedModel, trial: &CandidateFit, context: &Context) -> bool {
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
     periods(base, trial) < if misfit { PERIODS_IN_MISFIT } else { PERIODS }
         || misfit && is_local_here(base, &trial.candidate)
 }
 
 /// Periods of a trial's ripple within the travel; infinite for other effects.
-fn periods(base: &Hypothesis, trial: &Trial) -> f64 {
+fn periods(base: &FittedModel, trial: &CandidateFit) -> f64 {
     waves(base, trial).unwrap_or(f64::INFINITY)
 }
 
 /// Periods of a trial's ripple within the travel; none for other effects, or where no sensor tells the travel.
-fn waves(base: &Hypothesis, trial: &Trial) -> Option<f64> {
+fn waves(base: &FittedModel, trial: &CandidateFit) -> Option<f64> {
     let ripple = trial.hypothesis.rig.effects.last().filter(|e| e.kind == EffectKind::TorqueRipple)?;
     let joint = base.rig.mechanism.coordinate_index(&trial.candidate.at);
     let travel = |(c, sensor): (usize, &Sensor)| {
@@ -49,18 +49,23 @@ fn waves(base: &Hypothesis, trial: &Trial) -> Option<f64> {
 
 /// True if `candidate` fits a piece of anything on this machine.
 #[must_use]
-pub fn is_local_here(now: &Hypothesis, candidate: &Candidate) -> bool {
+pub fn is_local_here(now: &FittedModel, candidate: &Candidate) -> bool {
     EffectKind::from_id(candidate.effect).is_some_and(|kind| is_local_term(&now.rig, kind))
 }
 
 /// True for a ripple in smooth misfit whose order the data do not tell: another order at the same joint explains nearly as
 /// much, more than two waves over the travel resemble each other.
 #[must_use]
-pub fn has_unresolved_order(base: &Hypothesis, trial: &Trial, others: &[Trial], context: &Context) -> bool {
+pub fn has_unresolved_order(
+    base: &FittedModel,
+    trial: &CandidateFit,
+    others: &[CandidateFit],
+    context: &Context,
+) -> bool {
     let Some(mine) = waves(base, trial).filter(|_| is_misfit(&trial.hypothesis.residuals, &context.floors)) else {
         return false;
     };
-    let rival = |other: &Trial| {
+    let rival = |other: &CandidateFit| {
         let of_other = if other.candidate.at == trial.candidate.at { waves(base, other) } else { None };
         of_other.is_some_and(|w| {
             (w - mine).abs() > 0.0 && other.gain > UNRESOLVED * (1.0 + resemblance(w - mine)) * trial.gain

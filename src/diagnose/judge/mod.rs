@@ -1,7 +1,7 @@
 //! The judge: is model A better than model B, does an effect stand in the answer, what is the verdict called.
 //!
-//! Functions of fitted models and numbers; nothing is fitted here. Who searches (`attribute`, `round`, `contest`, `pairs`,
-//! `at_rest`) asks and decides nothing.
+//! Functions of fitted models and numbers; nothing is fitted here. Who searches (`stepwise`, `round`, `exchange`,
+//! `pairwise_exchange`, `converge_rivals`) asks and decides nothing.
 //!
 //! | file | question |
 //! |---|---|

@@ -7,7 +7,7 @@ use super::numbers::{
     AHEAD, AHEAD_OF_LISTED, AHEAD_OF_LISTED_BY, AHEAD_OF_LOCAL, CHANCE_PER_NUMBER, FREE_FORCE, FREE_FORCE_PER_SAMPLE,
     HINT, ON_TOP, REMOVED, REMOVED_OF_SMOOTH, RIPPLES_PER_NUMBER, ROUGH, STRUCTURE_LEFT,
 };
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 
 /// What the residual forces of base and found model say beside each other.
 #[derive(Clone, Copy, Debug)]
@@ -89,9 +89,9 @@ pub fn change_is_ahead(ahead: f64, listed: f64, numbers: usize, context: &Contex
 /// ripples at that joint, a poor man's free curve and hardly a machine's, which need not be beaten by far.
 #[must_use]
 pub fn curve_is_ahead(
-    curve: &Hypothesis,
-    found: &Hypothesis,
-    base: &Hypothesis,
+    curve: &FittedModel,
+    found: &FittedModel,
+    base: &FittedModel,
     ripples: bool,
     context: &Context,
 ) -> bool {

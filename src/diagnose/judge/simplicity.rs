@@ -4,8 +4,8 @@
 
 use super::criterion::{Context, detection_threshold};
 use super::numbers::SIMPLER;
+use crate::diagnose::candidate_fit::CandidateFit;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::tried::Trial;
 
 /// An effect that is the limit of another: the other, with one number more, must gain clearly more to be is_accepted.
 pub const LIMITS_OF: &[(&str, &str)] = &[
@@ -17,7 +17,7 @@ pub const LIMITS_OF: &[(&str, &str)] = &[
 
 /// Where a simpler limit of the leader gains nearly as much, the leader goes after it: what is left may still be added. Then the first
 /// is who gains most for the numbers that it adds (Schwarz 1978; an initial state of a window brings 1 by chance).
-pub fn order_by_penalised_gain(trials: &mut Vec<Trial>, context: &Context) {
+pub fn order_by_penalised_gain(trials: &mut Vec<CandidateFit>, context: &Context) {
     let Some(leader) = trials.first() else { return };
     let simple = LIMITS_OF.iter().filter(|(_, rich)| *rich == leader.candidate.effect).find_map(|(simple, _)| {
         // Where the leader leaves nothing but noise, what it is ahead counts as anything else does.
@@ -26,7 +26,7 @@ pub fn order_by_penalised_gain(trials: &mut Vec<Trial>, context: &Context) {
         } else {
             detection_threshold(context, 1)
         };
-        let close = |t: &Trial| {
+        let close = |t: &CandidateFit| {
             let near = t.gain >= (SIMPLER * leader.gain).max(leader.gain - most);
             t.candidate.effect == *simple && t.candidate.at == leader.candidate.at && near
         };
@@ -36,7 +36,7 @@ pub fn order_by_penalised_gain(trials: &mut Vec<Trial>, context: &Context) {
         let simple = trials.remove(i);
         std::mem::replace(&mut trials[0], simple)
     });
-    let net = |t: &Trial| t.gain - penalty(t, context);
+    let net = |t: &CandidateFit| t.gain - penalty(t, context);
     let best = trials.iter().enumerate().max_by(|a, b| net(a.1).total_cmp(&net(b.1))).map_or(0, |(i, _)| i);
     trials[..=best].rotate_right(1);
     // Next to it, for the contest among the best few.
@@ -46,7 +46,7 @@ pub fn order_by_penalised_gain(trials: &mut Vec<Trial>, context: &Context) {
 }
 
 /// What a trial's numbers are detection_threshold by chance, in twice the log-likelihood.
-fn penalty(trial: &Trial, context: &Context) -> f64 {
+fn penalty(trial: &CandidateFit, context: &Context) -> f64 {
     let numbers = trial.candidate.keys.iter().filter(|k| k.max > k.min).count() as f64;
     let states = trial.hypothesis.point.states.iter().map(Vec::len).sum::<usize>() as f64;
     numbers * libm::log(context.samples.max(2) as f64) + states
@@ -57,7 +57,7 @@ mod tests {
     use super::*;
     use crate::diagnose::judge::worked::trial;
 
-    fn order(mut trials: Vec<Trial>) -> Vec<&'static str> {
+    fn order(mut trials: Vec<CandidateFit>) -> Vec<&'static str> {
         let context = Context { floors: vec![1e-3], samples: 1000, given: 0, is_trapped: false, seed: 1 };
         order_by_penalised_gain(&mut trials, &context);
         trials.iter().map(|t| t.candidate.effect).collect()

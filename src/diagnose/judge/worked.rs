@@ -1,9 +1,9 @@
 //! For tests of the judge: a fitted candidate of which only what is asked matters.
 #![cfg(test)]
 
+use crate::diagnose::candidate_fit::CandidateFit;
 use crate::diagnose::candidates::{Candidate, Key};
-use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::tried::Trial;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::identify::problem::Problem;
 use crate::model::rig::Side;
 
@@ -11,10 +11,10 @@ const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_k
     [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n";
 
 /// A candidate with so many free numbers that gains so much over a pendulum.
-pub(crate) fn trial(effect: &'static str, numbers: usize, gain: f64) -> Trial {
+pub(crate) fn trial(effect: &'static str, numbers: usize, gain: f64) -> CandidateFit {
     let problem = Problem::shaken(RIG, None, vec![0.0; 200]);
     let start = problem.start();
-    let hypothesis = Hypothesis::at(problem, start, nalgebra::DMatrix::zeros(0, 0), &[1e-3]).unwrap();
+    let hypothesis = FittedModel::at(problem, start, nalgebra::DMatrix::zeros(0, 0), &[1e-3]).unwrap();
     let key = Key { name: "x", min: 0.0, max: 1.0, log: false };
     let candidate = Candidate {
         effect,
@@ -25,5 +25,5 @@ pub(crate) fn trial(effect: &'static str, numbers: usize, gain: f64) -> Trial {
         motor_sensor: None,
         side: Side::Link,
     };
-    Trial { candidate, hypothesis, gain }
+    CandidateFit { candidate, hypothesis, gain }
 }

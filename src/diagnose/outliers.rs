@@ -3,7 +3,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::noise::median_abs;
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
@@ -67,7 +67,7 @@ fn sticking_out(peaks: &[Vec<Peak>], quantum: f64) -> Vec<Vec<usize>> {
 /// Takes single samples out that stick out of their neighbours by far more than noise: transmission errors.
 ///
 /// In: a hypothesis whose residual is smooth but for noise. Gives how many were taken out per recording.
-pub fn drop_spikes(recordings: &mut [Recording], of: &Hypothesis) -> Vec<usize> {
+pub fn drop_spikes(recordings: &mut [Recording], of: &FittedModel) -> Vec<usize> {
     let mut dropped = vec![0; recordings.len()];
     for channel in 0..of.rig.sensors.len() {
         let peaks: Vec<Vec<Peak>> = (0..recordings.len()).map(|r| peaks(of, r, channel)).collect();
@@ -89,7 +89,7 @@ struct Peak {
 }
 
 /// Residual of each row minus the mean of its two neighbours, where all three lie in one window.
-fn peaks(of: &Hypothesis, recording: usize, channel: usize) -> Vec<Peak> {
+fn peaks(of: &FittedModel, recording: usize, channel: usize) -> Vec<Peak> {
     let mut out = Vec::new();
     let measured = &of.problem.recordings[recording].measured[channel];
     let windows = of.problem.recordings[recording].windows();

@@ -8,7 +8,7 @@
 //! RT: no.
 
 use crate::diagnose::base::known;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::continuity::{is_continuous, is_shaken_from_elsewhere};
 use crate::diagnose::likelihood::{Residuals, blocks, white};
 use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit_states};
@@ -21,7 +21,7 @@ use std::f64::consts::TAU;
 /// Part of the gain of `richer` over `plain` that is left when its inner states go on from window to window, coordinates
 /// and rates fitted as before. `None` if there are no inner states that could, or nothing is gained.
 #[must_use]
-pub fn carried(plain: &Hypothesis, richer: &Hypothesis, floors: &[f64]) -> Option<f64> {
+pub fn gain_ratio_with_continuous_states(plain: &FittedModel, richer: &FittedModel, floors: &[f64]) -> Option<f64> {
     if !has_more_states(plain, richer) || richer.problem.windows.len() == richer.problem.recordings.len() {
         return None;
     }
@@ -40,7 +40,7 @@ pub fn carried(plain: &Hypothesis, richer: &Hypothesis, floors: &[f64]) -> Optio
     let whole = states.into_iter().zip(&inner).map(|(state, inner)| [state, inner.clone()].concat()).collect();
     let residuals = held.residuals(&Point { parameters: Vec::new(), states: whole })?;
     let noise = white(&plain.residuals, floors);
-    let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
+    let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
     let free = total(richer) - total(plain);
     let left: f64 = blocks(&residuals, &noise).iter().sum::<f64>() - total(plain);
     (free > 0.0).then(|| left / free)
@@ -48,21 +48,21 @@ pub fn carried(plain: &Hypothesis, richer: &Hypothesis, floors: &[f64]) -> Optio
 
 /// True if the inner states that `richer` adds to `plain`, if any, may go on from window to window.
 #[must_use]
-pub fn goes_on(plain: &Hypothesis, richer: &Hypothesis, floors: &[f64]) -> bool {
-    is_continuous(carried(plain, richer, floors))
+pub fn has_continuous_states(plain: &FittedModel, richer: &FittedModel, floors: &[f64]) -> bool {
+    is_continuous(gain_ratio_with_continuous_states(plain, richer, floors))
 }
 
 /// True if `richer` has inner states that `plain` has not.
 #[must_use]
-pub fn has_more_states(plain: &Hypothesis, richer: &Hypothesis) -> bool {
-    let count = |h: &Hypothesis| h.point.states.first().map_or(0, Vec::len);
+pub fn has_more_states(plain: &FittedModel, richer: &FittedModel) -> bool {
+    let count = |h: &FittedModel| h.point.states.first().map_or(0, Vec::len);
     count(richer) > count(plain)
 }
 
 /// True if effect `e` of `of` is a mode of a link that does not die away within a recording and owes most of what it explains
 /// to how it rings at the start: what sustains it is no motion of the link but something that shakes the machine.
 #[must_use]
-pub fn is_externally_driven(of: &Hypothesis, e: usize, floors: &[f64]) -> bool {
+pub fn is_externally_driven(of: &FittedModel, e: usize, floors: &[f64]) -> bool {
     let Some(effect) = of.rig.effects.get(e).filter(|e| e.kind == EffectKind::LinkFlexibility) else { return false };
     let [Some(hz), Some(damping)] = ["frequency", "damping"].map(|key| effect.get(key)) else { return false };
     if damping.value * TAU * hz.value * of.problem.longest_recording_s() > 1.0 {
@@ -85,7 +85,7 @@ pub fn is_externally_driven(of: &Hypothesis, e: usize, floors: &[f64]) -> bool {
 
 /// The residuals of `of` with `rig`'s numbers held and inner states that go on from window to window: from the first
 /// window's, or from rest.
-fn unbroken(of: &Hypothesis, rig: &Rig, from_rest: bool) -> Option<Residuals> {
+fn unbroken(of: &FittedModel, rig: &Rig, from_rest: bool) -> Option<Residuals> {
     let held = of.problem.with_rig(known(rig));
     let mut at = Point { parameters: Vec::new(), states: of.point.states.clone() };
     let rest = held.start().states;
@@ -176,12 +176,12 @@ mod tests {
             (at.states[0][0], at.states[0][1]) = (0.3, 0.0);
             at.states[0][rigid] = deflection;
             at.states[1] = before(&problem, &at, 1).unwrap();
-            Hypothesis::at(problem, at, DMatrix::zeros(0, 0), &floors).unwrap()
+            FittedModel::at(problem, at, DMatrix::zeros(0, 0), &floors).unwrap()
         };
-        let readings = |h: &Hypothesis, sign: f64| h.residuals[0].concat().iter().map(|r| sign * r).collect();
+        let readings = |h: &FittedModel, sign: f64| h.residuals[0].concat().iter().map(|r| sign * r).collect();
         let unread = of(vec![0.0; 200]);
         let exact = [1.0, -1.0].map(|sign| of(readings(&unread, sign)));
-        let rms = |h: &Hypothesis| h.residuals[0].concat().iter().map(|r| r * r).sum::<f64>();
+        let rms = |h: &FittedModel| h.residuals[0].concat().iter().map(|r| r * r).sum::<f64>();
         let best = exact.iter().min_by(|a, b| rms(a).total_cmp(&rms(b))).unwrap();
         assert!(rms(best) < 1e-12, "{}", rms(best));
         is_externally_driven(best, 0, &floors)

@@ -21,7 +21,7 @@ pub type Column = Vec<Vec<Vec<f64>>>;
 pub type Own = Vec<Vec<Vec<f64>>>;
 
 /// Whitened misfit and sensitivities of the base solution.
-pub struct Screen {
+pub struct ScoreTest {
     windows: Vec<Window>,
     noise: Vec<Colour>,
     /// Reduced normal matrix of the shared parameters, and its inverse.
@@ -123,7 +123,7 @@ impl Window {
     }
 }
 
-impl Screen {
+impl ScoreTest {
     /// The screen at a solution of the base. `None` if a run there leaves the finite numbers.
     pub fn new(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option<Self> {
         let shared = at.parameters.len();
@@ -420,7 +420,7 @@ mod tests {
     #[test]
     fn a_hidden_step_is_found_where_it_is_whatever_the_base_absorbed() {
         let at = Point { parameters: vec![0.55], states: vec![vec![1.9]] };
-        let screen = Screen::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
+        let screen = ScoreTest::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
         let best =
             (5..55).max_by(|a, b| screen.score(&[step_at(*a)]).gain.total_cmp(&screen.score(&[step_at(*b)]).gain));
         assert_eq!(best, Some(30));
@@ -430,7 +430,7 @@ mod tests {
     #[test]
     fn promise_of_a_start_counts_the_move_and_what_follows() {
         let at = Point { parameters: vec![0.55], states: vec![vec![1.9]] };
-        let screen = Screen::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
+        let screen = ScoreTest::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
         let whole = screen.score(&[step_at(30)]).gain;
         let tenth: Column = vec![vec![step_at(30)[0][0].iter().map(|x| 0.1 * x).collect()]];
         let free = screen.promise(&[tenth.clone(), step_at(30)], &[], &[(-10.0, 10.0)]);
@@ -442,7 +442,7 @@ mod tests {
     #[test]
     fn responses_of_the_windows_own_count_like_columns_that_live_in_one_window() {
         let at = Point { parameters: vec![0.55], states: vec![vec![1.9]] };
-        let screen = Screen::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
+        let screen = ScoreTest::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
         let (step, bend) = (step_at(35), vec![(0..60).map(|k| f64::from(k * k)).collect()]);
         let together = screen.score(&[step.clone(), vec![bend.clone()]]);
         let apart = screen.score_beside(std::slice::from_ref(&step), &[vec![bend.clone()]]);
@@ -458,7 +458,7 @@ mod tests {
     #[test]
     fn what_the_base_can_mimic_gains_nothing() {
         let at = Point { parameters: vec![0.4], states: vec![vec![2.0]] };
-        let screen = Screen::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
+        let screen = ScoreTest::new(&Line, &at, &[Colour::white(1.0)]).unwrap();
         let line: Column = vec![vec![(0..60).map(|k| 3.0 * k as f64 + 1.0).collect()]];
         assert!(screen.score(&[line]).gain < 1e-6);
     }

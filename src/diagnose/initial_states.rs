@@ -5,7 +5,7 @@
 //! RT: no.
 
 use crate::diagnose::base::known;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::identify::fit::{Limits, Point, cost_of_window, fit_states};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
@@ -17,7 +17,7 @@ const STRAGGLER: f64 = 3.0;
 /// Stragglers sought once more: where a foot lands or a joint sticks, a state that is hardly wrong at the start can miss the
 /// event, and its window would look like physics that is missing.
 #[must_use]
-pub fn rescued(problem: &Problem, mut at: Point, noise: &[Colour]) -> Point {
+pub fn restart_states(problem: &Problem, mut at: Point, noise: &[Colour]) -> Point {
     let costs: Vec<f64> =
         (0..at.states.len()).into_par_iter().map(|w| cost_of_window(problem, w, &at, noise)).collect();
     let mut sorted = costs.clone();
@@ -39,7 +39,7 @@ pub fn rescued(problem: &Problem, mut at: Point, noise: &[Colour]) -> Point {
 /// `now` fitted on from where each window stands better when its state is fitted for itself, from its first samples. `None` if
 /// none does, or nothing comes of it.
 #[must_use]
-pub fn reseated(now: &Hypothesis, floors: &[f64]) -> Option<Hypothesis> {
+pub fn refit_states(now: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
     let held = now.problem.with_rig(known(&now.rig));
     let start = Point { parameters: Vec::new(), states: held.start().states };
     let others = fit_states(&held, start.states, &now.noise, FINE);
@@ -57,8 +57,8 @@ pub fn reseated(now: &Hypothesis, floors: &[f64]) -> Option<Hypothesis> {
         return None;
     }
     let limits = Limits { iterations: 6, tolerance: 1e-4 };
-    let fit = Hypothesis::fitted(now.problem.clone(), to, &now.noise, floors, limits)?;
-    let total = |h: &Hypothesis| -> f64 { h.blocks(&now.noise).iter().sum() };
+    let fit = FittedModel::fitted(now.problem.clone(), to, &now.noise, floors, limits)?;
+    let total = |h: &FittedModel| -> f64 { h.blocks(&now.noise).iter().sum() };
     (total(&fit) > total(now)).then_some(fit)
 }
 
@@ -91,7 +91,7 @@ mod tests {
         // Over the top: swinging round is a minimum of its own.
         wrong.states[2] = vec![4.0, 12.0];
         let cost = |at: &Point| cost_of_window(&problem, 2, at, &noise);
-        let found = rescued(&problem, wrong.clone(), &noise);
+        let found = restart_states(&problem, wrong.clone(), &noise);
         assert!(cost(&found) < 1e-2 && cost(&wrong) > 100.0, "{} {}", cost(&found), cost(&wrong));
         assert_eq!((&found.states[..2], &found.states[3]), (&states[..2], &states[3]));
     }
@@ -105,16 +105,16 @@ mod tests {
         let states = fit_states(&problem, problem.start().states, &[Colour::white(0.01)], Limits::default());
         let at = |states: Vec<Vec<f64>>| {
             let point = Point { parameters: Vec::new(), states };
-            Hypothesis::at(problem.clone(), point, nalgebra::DMatrix::zeros(0, 0), &floors).unwrap()
+            FittedModel::at(problem.clone(), point, nalgebra::DMatrix::zeros(0, 0), &floors).unwrap()
         };
         let mut off = states.clone();
         off[2] = vec![4.0, 12.0];
-        let rms = |h: &Hypothesis| {
+        let rms = |h: &FittedModel| {
             let e: Vec<f64> = h.residuals[0].iter().flatten().copied().collect();
             libm::sqrt(e.iter().map(|x| x * x).sum::<f64>() / e.len() as f64)
         };
         let (wrong, right) = (at(off), at(states));
-        let found = reseated(&wrong, &floors).unwrap();
+        let found = refit_states(&wrong, &floors).unwrap();
         assert!(
             rms(&wrong) > 0.1 && rms(&found) < 2.0 * rms(&right),
             "{} {} {}",
@@ -122,6 +122,6 @@ mod tests {
             rms(&found),
             rms(&right)
         );
-        assert!(reseated(&right, &floors).is_none());
+        assert!(refit_states(&right, &floors).is_none());
     }
 }

@@ -7,7 +7,7 @@
 //! stop beside its line, damped to reach it (seen: 8.1 Hz at .08 where 6.7 Hz at .03 leaves half as much).
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::criterion::Context;
 use crate::identify::fit::Limits;
 use crate::model::effect::EffectKind;
@@ -22,9 +22,9 @@ const LOOK: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
 /// The best of `found` and of fits that start elsewhere on its ridges.
 #[must_use]
-pub fn along_ridges(found: Hypothesis, context: &Context) -> Hypothesis {
+pub fn restart_along_ridges(found: FittedModel, context: &Context) -> FittedModel {
     let noise = found.noise.clone();
-    let total = |h: &Hypothesis| -> f64 { h.blocks(&noise).iter().sum() };
+    let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
     STARTS.iter().fold(found, |best, shares| {
         let places = (0..best.rig.effects.len()).flat_map(|e| shares.iter().map(move |share| (e, *share)));
         let starts: Vec<Rig> = places
@@ -32,9 +32,9 @@ pub fn along_ridges(found: Hypothesis, context: &Context) -> Hypothesis {
             .collect();
         let fitted = |rig: Rig| {
             let (problem, start) = best.extended(rig);
-            Hypothesis::fitted(problem, start, &noise, &context.floors, LOOK)
+            FittedModel::fitted(problem, start, &noise, &context.floors, LOOK)
         };
-        let others: Vec<Hypothesis> = starts.into_par_iter().filter_map(fitted).collect();
+        let others: Vec<FittedModel> = starts.into_par_iter().filter_map(fitted).collect();
         others.into_iter().fold(best, |best, other| if total(&other) > total(&best) { other } else { best })
     })
 }
@@ -77,7 +77,7 @@ fn moved(rig: &Rig, e: usize, share: f64) -> Option<Rig> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::tried::worked::{Shown, shown};
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
     use crate::model::rig::Value;
 
     #[test]
@@ -109,9 +109,9 @@ mod tests {
             "[[effect]]\neffect = \"link_flexibility\"\nat = \"q1\"\nfrequency = 5.0\ndamping = 0.02\nparticipation = 0.25\n",
         );
         let stuck = problem.fitted(&mode(12.0, 0.3, 0.2), 3, &context);
-        let hz = |h: &Hypothesis| h.rig.effects[context.given].get("frequency").unwrap().value;
+        let hz = |h: &FittedModel| h.rig.effects[context.given].get("frequency").unwrap().value;
         assert!((hz(&stuck) / 5.0 - 1.0).abs() > 0.1, "{}", hz(&stuck));
-        let found = along_ridges(stuck, &context);
+        let found = restart_along_ridges(stuck, &context);
         assert!((hz(&found) / 5.0 - 1.0).abs() < 0.03, "{}", hz(&found));
     }
 }

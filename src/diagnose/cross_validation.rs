@@ -6,9 +6,9 @@
 //! RT: no.
 
 use crate::diagnose::base::known;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::likelihood::{blocks, samples, white};
-use crate::diagnose::thin::few;
+use crate::diagnose::subsample::few;
 use crate::identify::fit::{Limits, Point, fit, fit_states};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
@@ -22,8 +22,8 @@ const FOLDS: usize = 6;
 const STEPS: Limits = Limits { iterations: 4, tolerance: 1e-4 };
 
 /// A model whose recordings are left out in turn: what any richer one is measured against.
-pub struct LeftOut {
-    plain: Hypothesis,
+pub struct LeaveOneRecordingOut {
+    plain: FittedModel,
     /// Windows that are looked at, if not all.
     kept: Option<Vec<usize>>,
     noise: Vec<Colour>,
@@ -31,10 +31,10 @@ pub struct LeftOut {
     folds: Vec<(Vec<bool>, Option<f64>)>,
 }
 
-impl LeftOut {
+impl LeaveOneRecordingOut {
     /// `None` with one recording.
     #[must_use]
-    pub fn of(plain: &Hypothesis, floors: &[f64]) -> Option<Self> {
+    pub fn of(plain: &FittedModel, floors: &[f64]) -> Option<Self> {
         let recordings = plain.problem.recordings.len();
         if recordings < 2 {
             return None;
@@ -55,9 +55,9 @@ impl LeftOut {
     /// Part of the gain of `richer` over the plain model that is left when each recording is predicted from the others.
     /// Measured in squares of free-run errors (robust): that is what a user sees. `None` if there is nothing to gain.
     #[must_use]
-    pub fn kept_by(&self, richer: &Hypothesis, floors: &[f64]) -> Option<f64> {
+    pub fn cross_validated_gain_ratio(&self, richer: &FittedModel, floors: &[f64]) -> Option<f64> {
         let richer = self.kept.as_ref().map_or_else(|| richer.clone(), |kept| richer.on_windows(kept));
-        let total = |h: &Hypothesis| -> f64 { h.blocks(&self.noise).iter().sum() };
+        let total = |h: &FittedModel| -> f64 { h.blocks(&self.noise).iter().sum() };
         let fitted = total(&richer) - total(&self.plain);
         let gain =
             |(out, plain): &(Vec<bool>, Option<f64>)| Some(predicted(&richer, out, &self.noise, floors)? - (*plain)?);
@@ -69,7 +69,7 @@ impl LeftOut {
 }
 
 /// Twice the log-likelihood of the recordings in `out` under a model that was fitted to the others.
-fn predicted(of: &Hypothesis, out: &[bool], noise: &[Colour], floors: &[f64]) -> Option<f64> {
+fn predicted(of: &FittedModel, out: &[bool], noise: &[Colour], floors: &[f64]) -> Option<f64> {
     let (rest, at) = part(of, |r| !out[r]);
     let bounds = rest.bounds();
     // The loss must suit the model's own misfit, or a rich model would be fitted to nothing but its best stretches.
@@ -84,7 +84,7 @@ fn predicted(of: &Hypothesis, out: &[bool], noise: &[Colour], floors: &[f64]) ->
 }
 
 /// The problem on some of the recordings, and where it stands.
-fn part(of: &Hypothesis, wanted: impl Fn(usize) -> bool) -> (Problem, Point) {
+fn part(of: &FittedModel, wanted: impl Fn(usize) -> bool) -> (Problem, Point) {
     let kept: Vec<usize> = (0..of.problem.windows.len()).filter(|w| wanted(of.problem.windows[*w].0)).collect();
     let states = kept.iter().map(|w| of.point.states[*w].clone()).collect();
     (of.problem.on_windows(&kept), Point { parameters: of.point.parameters.clone(), states })

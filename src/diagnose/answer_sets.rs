@@ -2,23 +2,23 @@
 //!
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::credible_set::weight_in_set;
 use crate::diagnose::judge::criterion::{Context, detection_threshold};
 use crate::diagnose::judge::numbers::{MEMBERS, TWIN_WEIGHT};
 use crate::diagnose::judge::verdict::{Estimate, Member, Missing, Rejected};
 use crate::diagnose::sentence;
 use crate::diagnose::tables::{estimates, step_s};
-use crate::diagnose::tried::{Added, Trial};
 use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Rig, Scope, Slot};
 use std::collections::BTreeMap;
 
 /// The entries of `missing` for what was added to `base`.
 #[must_use]
-pub fn answered(explained: &Hypothesis, added: &[Added], context: &Context) -> Vec<Missing> {
+pub fn answer_sets(explained: &FittedModel, added: &[SelectedEffect], context: &Context) -> Vec<Missing> {
     let first = explained.rig.effects.len() - added.len();
-    let entry = |(i, a): (usize, &Added)| {
+    let entry = |(i, a): (usize, &SelectedEffect)| {
         let mut members = vec![member(explained, first + i)];
         let rivals: Vec<(Member, f64)> =
             a.others.iter().filter_map(|t| rival(explained, t, (first + i, a.gain), context)).collect();
@@ -45,7 +45,7 @@ fn ringing(rig: &Rig, e: usize) -> String {
 }
 
 /// Number `e` of the rig's effects as a member of full weight.
-pub(super) fn member(of: &Hypothesis, e: usize) -> Member {
+pub(super) fn member(of: &FittedModel, e: usize) -> Member {
     let effect = &of.rig.effects[e];
     let known = estimates(of);
     let mut parameters = BTreeMap::new();
@@ -73,7 +73,12 @@ fn wrapped(phase: f64) -> f64 {
 }
 
 /// A trial that the data cannot tell from the winner, with its weight against it.
-fn rival(winner: &Hypothesis, trial: &Trial, (place, gain): (usize, f64), context: &Context) -> Option<(Member, f64)> {
+fn rival(
+    winner: &FittedModel,
+    trial: &CandidateFit,
+    (place, gain): (usize, f64),
+    context: &Context,
+) -> Option<(Member, f64)> {
     let weight = weight_in_set(winner, trial, (place, gain), context)?;
     Some((member(&trial.hypothesis.clone().with_intervals(), place), weight))
 }
@@ -94,9 +99,14 @@ fn twins(of: &Member) -> Vec<Member> {
 
 /// What was fitted and is not the answer, with the number that says so.
 #[must_use]
-pub fn rejected(missing: &[Missing], added: &[Added], last: &[Trial], context: &Context) -> Vec<Rejected> {
+pub fn rejected(
+    missing: &[Missing],
+    added: &[SelectedEffect],
+    last: &[CandidateFit],
+    context: &Context,
+) -> Vec<Rejected> {
     let mut out: Vec<Rejected> = Vec::new();
-    let mut push = |trial: &Trial, why: String| {
+    let mut push = |trial: &CandidateFit, why: String| {
         let named = missing.iter().flat_map(|m| &m.one_of);
         let taken = named.into_iter().any(|m| m.effect == trial.candidate.effect && m.at == trial.candidate.at);
         let listed = out.iter().any(|r| r.effect == trial.candidate.effect && r.at == trial.candidate.at);

@@ -2,9 +2,9 @@
 //!
 //! RT: no.
 
-use crate::diagnose::changed::Changed;
+use crate::diagnose::change_point::ChangePoint;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::free_curve::FreeCurve;
-use crate::diagnose::hypothesis::Hypothesis;
 use crate::diagnose::judge::criterion::{Context, compare};
 use crate::diagnose::judge::flexibility::is_local_term;
 use crate::diagnose::judge::nameless::{Excess, asks_for_a_fit, beyond_chance, free_force_threshold, is_removed};
@@ -12,11 +12,11 @@ use crate::diagnose::judge::numbers::LOCAL_TERMS;
 use crate::diagnose::judge::verdict::{Law, Member, Missing, Place};
 use crate::diagnose::laws::band_95;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::linearise::tangents;
+use crate::diagnose::linearise::ltv_windows;
+use crate::diagnose::ltv::LtvWindow;
 use crate::diagnose::scan::{Curve, Over, state_curve, time_curve, vibration};
-use crate::diagnose::screen::Screen;
+use crate::diagnose::score_test::ScoreTest;
 use crate::diagnose::sentence;
-use crate::diagnose::tangent::Tangent;
 use crate::identify::floor::complaints;
 use crate::identify::noise::{Colour, loss};
 use crate::model::effect::EffectKind;
@@ -80,8 +80,8 @@ const KNOTS: [usize; 2] = [40, 120];
 /// mimic something else and the second result is true), or on top of them.
 #[must_use]
 pub fn unexplained(
-    found: &Hypothesis,
-    base: &Hypothesis,
+    found: &FittedModel,
+    base: &FittedModel,
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> Option<(Unlisted, bool)> {
@@ -90,7 +90,7 @@ pub fn unexplained(
     let threshold = free_force_threshold(context, is_rough);
     let (force, on_base) = structure(base, true, said)?;
     let excess = Excess { threshold, on_base, listed };
-    let misfit = |h: &Hypothesis| is_misfit(&h.residuals, &context.floors);
+    let misfit = |h: &FittedModel| is_misfit(&h.residuals, &context.floors);
     if excess.counts()
         && let Some(changed) = changed(found, base, (&force, excess), context, said)
     {
@@ -125,13 +125,13 @@ pub fn unexplained(
 /// Another machine from some instant of a recording on, if that says more than all that was found. `force`: on the base, with its
 /// excess.
 fn changed(
-    found: &Hypothesis,
-    base: &Hypothesis,
+    found: &FittedModel,
+    base: &FittedModel,
     (force, excess): (&Unlisted, Excess),
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> Option<Unlisted> {
-    let changed = Changed::fitted(base, context)?;
+    let changed = ChangePoint::fitted(base, context)?;
     let name = &base.problem.recordings[changed.recording].name;
     let ahead = changed.ahead_of(found);
     said(&format!(
@@ -163,8 +163,8 @@ fn changed(
 
 /// A free force over the position of `joint`, or of one at which a ripple was found, that says more than all that was found.
 fn over_position(
-    found: &Hypothesis,
-    base: &Hypothesis,
+    found: &FittedModel,
+    base: &FittedModel,
     joint: Option<usize>,
     context: &Context,
     said: &mut dyn FnMut(&str),
@@ -176,7 +176,7 @@ fn over_position(
     let added = &found.rig.effects[base.rig.effects.len()..];
     let ripple = added.iter().find(|e| e.kind == EffectKind::TorqueRipple);
     let joint = joint.or_else(|| base.rig.mechanism.coordinate_index(&ripple?.at))?;
-    let curve = FreeCurve::fitted(base, joint, &tangents(base)?, context)?;
+    let curve = FreeCurve::fitted(base, joint, &ltv_windows(base)?, context)?;
     let ahead = compare(&curve.hypothesis, found, context).total;
     let at = base.rig.mechanism.coordinates()[joint];
     said(&format!("free force over the position of {at}, fitted: {ahead:.0} ahead of what was found"));
@@ -195,12 +195,12 @@ fn over_position(
 }
 
 /// How many of the effects that `found` adds to `base` fit a piece of anything.
-fn local_terms(found: &Hypothesis, base: &Hypothesis) -> usize {
+fn local_terms(found: &FittedModel, base: &FittedModel) -> usize {
     found.rig.effects[base.rig.effects.len()..].iter().filter(|e| is_local_term(&found.rig, e.kind)).count()
 }
 
 /// Squares of the residual in units of the spread that `base` leaves, outliers pulled in by the loss.
-fn energy(of: &Hypothesis, base: &Hypothesis) -> f64 {
+fn energy(of: &FittedModel, base: &FittedModel) -> f64 {
     let unit = |(runs, colour): (&Vec<Vec<f64>>, &Colour)| {
         let scale = if colour.sigma.is_finite() { 1.0 / colour.sigma } else { 0.0 };
         runs.iter().flatten().map(|x| loss(x * scale)).sum::<f64>()
@@ -219,9 +219,9 @@ fn energy(of: &Hypothesis, base: &Hypothesis) -> f64 {
 }
 
 /// The free force that explains most of what `of` leaves, and its gain beyond chance.
-fn structure(of: &Hypothesis, with_time: bool, said: &mut dyn FnMut(&str)) -> Option<(Unlisted, f64)> {
-    let windows = tangents(of)?;
-    let screen = Screen::new(&of.problem, &of.point, &of.noise)?;
+fn structure(of: &FittedModel, with_time: bool, said: &mut dyn FnMut(&str)) -> Option<(Unlisted, f64)> {
+    let windows = ltv_windows(of)?;
+    let screen = ScoreTest::new(&of.problem, &of.point, &of.noise)?;
     let mut patterns = patterns(&of.rig, &screen, &windows);
     patterns.retain(|p| with_time || !p.is_over_time());
     patterns.sort_by(|a, b| excess(b).total_cmp(&excess(a)));
@@ -268,7 +268,7 @@ fn excess(p: &Pattern) -> f64 {
     beyond_chance(p.gain, p.numbers)
 }
 
-fn share(found: &Hypothesis, p: &Pattern) -> f64 {
+fn share(found: &FittedModel, p: &Pattern) -> f64 {
     let energy: f64 = found
         .residuals
         .iter()
@@ -279,7 +279,7 @@ fn share(found: &Hypothesis, p: &Pattern) -> f64 {
     (p.gain / energy.max(1e-12)).clamp(0.0, 1.0)
 }
 
-fn patterns(rig: &Rig, screen: &Screen, windows: &[Tangent]) -> Vec<Pattern> {
+fn patterns(rig: &Rig, screen: &ScoreTest, windows: &[LtvWindow]) -> Vec<Pattern> {
     let names = rig.mechanism.coordinates();
     let mut out = Vec::new();
     for (joint, name) in names.iter().enumerate() {
@@ -301,7 +301,7 @@ fn patterns(rig: &Rig, screen: &Screen, windows: &[Tangent]) -> Vec<Pattern> {
     out
 }
 
-fn vibration_pattern(screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Pattern> {
+fn vibration_pattern(screen: &ScoreTest, windows: &[LtvWindow], joint: usize) -> Option<Pattern> {
     let grid: Vec<f64> = (0..80).map(|i| 0.5 * libm::pow(1.05, f64::from(i))).collect();
     let coarse = vibration(screen, windows, joint, &grid)?.at;
     // A recording of some seconds resolves more than the grid.
@@ -318,7 +318,7 @@ fn vibration_pattern(screen: &Screen, windows: &[Tangent], joint: usize) -> Opti
 }
 
 /// Force over time, all recordings together; the interval is where most of it acts.
-fn time_pattern(screen: &Screen, windows: &[Tangent], joint: usize) -> Option<Pattern> {
+fn time_pattern(screen: &ScoreTest, windows: &[LtvWindow], joint: usize) -> Option<Pattern> {
     let recordings = windows.iter().map(|w| w.recording).max()? + 1;
     let curves: Vec<Curve> = (0..recordings).filter_map(|r| time_curve(screen, windows, joint, r, 0.15)).collect();
     let gain = curves.iter().map(|c| c.score.gain).sum();
@@ -345,7 +345,7 @@ fn busy(curve: &Curve) -> Option<(usize, f64, f64)> {
     is_part.then_some((curve.recording?, curve.knots[first], curve.knots[last]))
 }
 
-fn law(found: &Hypothesis, curve: &Curve) -> Law {
+fn law(found: &FittedModel, curve: &Curve) -> Law {
     let name = found.rig.mechanism.coordinates()[curve.joint];
     let (x_label, what) = match curve.over {
         Over::Angle => (format!("{name} (rad or m)"), "position"),
@@ -364,7 +364,7 @@ fn law(found: &Hypothesis, curve: &Curve) -> Law {
     }
 }
 
-fn located(found: &Hypothesis, p: &Pattern) -> Vec<Place> {
+fn located(found: &FittedModel, p: &Pattern) -> Vec<Place> {
     let Some((recording, from_s, to_s)) = p.interval else { return Vec::new() };
     let sensor = found.rig.sensors.iter().find(|s| s.joint == p.joint).or_else(|| found.rig.sensors.first());
     let Some(sensor) = sensor else { return Vec::new() };

@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 /// A fitted rig.
 #[derive(Clone, Debug)]
-pub struct Hypothesis {
+pub struct FittedModel {
     /// The rig with its fitted numbers.
     pub rig: Rig,
     /// The problem that it solves.
@@ -31,7 +31,7 @@ pub struct Hypothesis {
     pub information: DMatrix<f64>,
 }
 
-impl Hypothesis {
+impl FittedModel {
     /// Fits `problem` from `start` under `noise`. `None` if the runs leave the finite numbers.
     #[must_use]
     pub fn fitted(problem: Problem, start: Point, noise: &[Colour], floors: &[f64], limits: Limits) -> Option<Self> {

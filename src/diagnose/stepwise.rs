@@ -5,10 +5,12 @@
 //! RT: no.
 
 use crate::diagnose::base::anew;
+use crate::diagnose::basin_hopping::escape_local_minimum;
+use crate::diagnose::candidate_fit::{CandidateFit, MOST_EFFORT, SelectedEffect, refit_without};
 use crate::diagnose::candidates::Candidate;
-use crate::diagnose::contest::reconsidered;
-use crate::diagnose::folds::LeftOut;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::cross_validation::LeaveOneRecordingOut;
+use crate::diagnose::exchange::exchange_near_rivals;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::accept::{is_accepted, is_admissible, is_piece_of_vibration};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::exchange::only_freed_the_fit;
@@ -18,8 +20,6 @@ use crate::diagnose::judge::simplicity::order_by_penalised_gain;
 use crate::diagnose::judge::verdict::is_far_beyond_chance;
 use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::round::{merged, promises_little, round};
-use crate::diagnose::tried::{Added, MOST_EFFORT, Trial, left_out};
-use crate::diagnose::valley::wandered;
 use crate::model::rig::Rig;
 use rayon::prelude::*;
 use std::cell::OnceCell;
@@ -36,28 +36,28 @@ const QUICK: usize = 20_000;
 /// What a forward selection comes to.
 pub struct Selection {
     /// The base, better than it was if a candidate led it out of a false minimum.
-    pub base: Hypothesis,
+    pub base: FittedModel,
     /// With everything that was added.
-    pub found: Hypothesis,
+    pub found: FittedModel,
     /// What was added, in order.
-    pub added: Vec<Added>,
+    pub added: Vec<SelectedEffect>,
     /// The last round, which brought nothing.
-    pub last: Vec<Trial>,
+    pub last: Vec<CandidateFit>,
     /// True if there was no time for another round.
     pub cut_short: bool,
 }
 
 impl Selection {
     /// Adds `best`; the rest of the last round are its rivals.
-    fn add(&mut self, best: Trial, context: &Context) {
+    fn add(&mut self, best: CandidateFit, context: &Context) {
         let removed = explained_part(&self.found, &best.hypothesis, context);
         let others = std::mem::take(&mut self.last);
-        self.added.push(Added { candidate: best.candidate, others, gain: best.gain, removed });
+        self.added.push(SelectedEffect { candidate: best.candidate, others, gain: best.gain, removed });
         self.found = best.hypothesis;
     }
 
     /// From a better fit of the same effects.
-    fn go_on_from(&mut self, better: Hypothesis) {
+    fn go_on_from(&mut self, better: FittedModel) {
         if self.added.is_empty() {
             self.base = better.clone();
         }
@@ -72,25 +72,30 @@ const RESTARTS: usize = 3;
 ///
 /// A fit that ended in a false minimum is improved by anything that shakes it (a touchdown one row off, a stick that
 /// should slip): without this check such a candidate would be named on a healthy machine.
-fn shaken_free(now: &Hypothesis, trial: &Trial, context: &Context) -> Option<Hypothesis> {
-    let without = left_out(&trial.hypothesis, now.rig.effects.len(), context)?;
-    let total = |h: &Hypothesis| -> f64 { h.blocks(&trial.hypothesis.noise).iter().sum() };
+fn improves_without_effect(now: &FittedModel, trial: &CandidateFit, context: &Context) -> Option<FittedModel> {
+    let without = refit_without(&trial.hypothesis, now.rig.effects.len(), context)?;
+    let total = |h: &FittedModel| -> f64 { h.blocks(&trial.hypothesis.noise).iter().sum() };
     let (before, after, with) = (total(now), total(&without), total(&trial.hypothesis));
     only_freed_the_fit(before, with, after).then_some(without)
 }
 
-/// [`shaken_free`] by the first of the last round, if it gains what would be worth it.
-fn shaken_by_leader(all: &Selection, context: &Context) -> Option<Hypothesis> {
+/// [`improves_without_effect`] by the first of the last round, if it gains what would be worth it.
+fn leader_improves_without_effect(all: &Selection, context: &Context) -> Option<FittedModel> {
     let leader = all.last.first().filter(|t| t.gain > detection_threshold(context, t.candidate.keys.len()))?;
-    shaken_free(&all.found, leader, context)
+    improves_without_effect(&all.found, leader, context)
 }
 
 /// `trial` out of the false minimum that it may have come into, where more than noise stays; its gain over `now` follows.
-fn unstuck(now: &Hypothesis, mut trial: Trial, context: &Context, said: &mut dyn FnMut(&str)) -> Trial {
+fn out_of_local_minimum(
+    now: &FittedModel,
+    mut trial: CandidateFit,
+    context: &Context,
+    said: &mut dyn FnMut(&str),
+) -> CandidateFit {
     if !is_misfit(&trial.hypothesis.residuals, &context.floors) {
         return trial;
     }
-    let Some(other) = wandered(&trial.hypothesis, context) else { return trial };
+    let Some(other) = escape_local_minimum(&trial.hypothesis, context) else { return trial };
     let better = compare(&other, &trial.hypothesis, context).total;
     said(&format!("   {} was in a false minimum: {better:.0} better", trial.candidate.effect));
     trial.gain = compare(&other, now, context).total;
@@ -105,11 +110,11 @@ const LEADS: f64 = 0.3;
 /// The leaders of a first round that leave misfit, fitted once more from the numbers of `given`: what is missing has led the
 /// base astray, windows and all, and from there not even the truth finds back (a walker whose encoder jumped). True if one
 /// stands better then.
-fn anew_from(given: &Rig, all: &mut Selection, context: &Context) -> bool {
+fn refit_leaders_from_given(given: &Rig, all: &mut Selection, context: &Context) -> bool {
     let most = all.last.first().map_or(0.0, |t| t.gain);
-    let leads = |t: &&Trial| t.gain > (LEADS * most).max(detection_threshold(context, t.candidate.keys.len()));
-    let leaders: Vec<&Trial> = all.last.iter().filter(leads).take(ANEW).collect();
-    let one = |trial: &Trial| {
+    let leads = |t: &&CandidateFit| t.gain > (LEADS * most).max(detection_threshold(context, t.candidate.keys.len()));
+    let leaders: Vec<&CandidateFit> = all.last.iter().filter(leads).take(ANEW).collect();
+    let one = |trial: &CandidateFit| {
         let from = &trial.hypothesis;
         if !is_misfit(&from.residuals, &context.floors) {
             return None;
@@ -119,9 +124,9 @@ fn anew_from(given: &Rig, all: &mut Selection, context: &Context) -> bool {
         rig.sensors.clone_from(&from.rig.sensors);
         let hypothesis = anew(&from.problem, &rig, &context.floors)?;
         let further = hypothesis.likelihood - from.likelihood > detection_threshold(context, 0);
-        further.then(|| Trial { hypothesis, ..trial.clone() })
+        further.then(|| CandidateFit { hypothesis, ..trial.clone() })
     };
-    let better: Vec<Trial> = leaders.into_par_iter().filter_map(one).collect();
+    let better: Vec<CandidateFit> = leaders.into_par_iter().filter_map(one).collect();
     let found = !better.is_empty();
     if found {
         all.last = merged(&all.found, better, std::mem::take(&mut all.last), context);
@@ -132,9 +137,9 @@ fn anew_from(given: &Rig, all: &mut Selection, context: &Context) -> bool {
 /// Forward selection from `base`, which is `given` with its numbers fitted. `also`: another place from which the first effect
 /// is sought too.
 pub fn forward(
-    (given, base): (&Rig, &Hypothesis),
-    also: Option<&Hypothesis>,
-    library: impl Fn(&Hypothesis) -> Vec<Candidate>,
+    (given, base): (&Rig, &FittedModel),
+    also: Option<&FittedModel>,
+    library: impl Fn(&FittedModel) -> Vec<Candidate>,
     context: &Context,
     mut said: impl FnMut(&str),
 ) -> Selection {
@@ -170,8 +175,8 @@ pub fn forward(
 /// A forward selection on its way.
 struct Search<'s> {
     given: &'s Rig,
-    also: Option<&'s Hypothesis>,
-    library: &'s dyn Fn(&Hypothesis) -> Vec<Candidate>,
+    also: Option<&'s FittedModel>,
+    library: &'s dyn Fn(&FittedModel) -> Vec<Candidate>,
     context: &'s Context,
     all: Selection,
     /// Gain of what was added.
@@ -181,15 +186,15 @@ struct Search<'s> {
     /// What rounds cost that only freed the base from a false minimum.
     in_vain: u64,
     /// Trials on top of a worse base.
-    stood: Vec<Trial>,
+    stood: Vec<CandidateFit>,
 }
 
 impl<'s> Search<'s> {
     fn from(
         given: &'s Rig,
-        base: &Hypothesis,
-        also: Option<&'s Hypothesis>,
-        library: &'s dyn Fn(&Hypothesis) -> Vec<Candidate>,
+        base: &FittedModel,
+        also: Option<&'s FittedModel>,
+        library: &'s dyn Fn(&FittedModel) -> Vec<Candidate>,
         context: &'s Context,
     ) -> Self {
         let (added, last) = (Vec::new(), Vec::new());
@@ -227,7 +232,7 @@ impl<'s> Search<'s> {
     }
 
     /// No time for another round: what was fitted on top of a worse base stands all the same, if there is anything.
-    fn ends_early(&mut self, earlier: Vec<Trial>, said: &mut dyn FnMut(&str)) -> bool {
+    fn ends_early(&mut self, earlier: Vec<CandidateFit>, said: &mut dyn FnMut(&str)) -> bool {
         let is_left = !earlier.is_empty();
         let is_quick = self.context.samples < QUICK;
         let is_vain = || promises_little(&self.all.found, &(self.library)(&self.all.found), self.context);
@@ -246,12 +251,15 @@ impl<'s> Search<'s> {
 
     /// True if the leader only freed the fit from a false minimum; the search then goes on from there.
     fn is_freed_by_leader(&mut self, said: &mut dyn FnMut(&str)) -> bool {
-        let mut shaken = shaken_by_leader(&self.all, self.context).filter(|_| self.restarts < RESTARTS);
-        if shaken.is_some() && self.all.added.is_empty() && anew_from(self.given, &mut self.all, self.context) {
+        let mut shaken = leader_improves_without_effect(&self.all, self.context).filter(|_| self.restarts < RESTARTS);
+        if shaken.is_some()
+            && self.all.added.is_empty()
+            && refit_leaders_from_given(self.given, &mut self.all, self.context)
+        {
             said("   fitted anew from the numbers as given");
             tell(&self.all.last, self.context, said);
             order_by_penalised_gain(&mut self.all.last, self.context);
-            shaken = shaken_by_leader(&self.all, self.context);
+            shaken = leader_improves_without_effect(&self.all, self.context);
         }
         let Some(better) = shaken else { return false };
         self.go_on_from(better, 0, said);
@@ -263,12 +271,14 @@ impl<'s> Search<'s> {
         if self.restarts >= RESTARTS {
             return false;
         }
-        let Some(better) = shaken_free(&self.all.found, &self.all.last[i], self.context) else { return false };
+        let Some(better) = improves_without_effect(&self.all.found, &self.all.last[i], self.context) else {
+            return false;
+        };
         self.go_on_from(better, i, said);
         true
     }
 
-    fn go_on_from(&mut self, better: Hypothesis, i: usize, said: &mut dyn FnMut(&str)) {
+    fn go_on_from(&mut self, better: FittedModel, i: usize, said: &mut dyn FnMut(&str)) {
         said(&format!("   {} only shook the fit free: again from there", self.all.last[i].candidate.effect));
         self.restarts += 1;
         self.in_vain += self.last_cost;
@@ -277,13 +287,13 @@ impl<'s> Search<'s> {
     }
 
     /// The first of the best candidates of the round that is accepted. `left_out`: made when needed.
-    fn accepted(&self, left_out: &OnceCell<Option<LeftOut>>, said: &mut dyn FnMut(&str)) -> Option<usize> {
+    fn accepted(&self, left_out: &OnceCell<Option<LeaveOneRecordingOut>>, said: &mut dyn FnMut(&str)) -> Option<usize> {
         let (now, all, context) = (&self.all.found, &self.all.last[..], self.context);
         (0..all.len().min(TRIED)).find(|i| {
             let trial = &all[*i];
             let kept = || {
-                let left_out = left_out.get_or_init(|| LeftOut::of(now, &context.floors)).as_ref();
-                left_out.and_then(|l| l.kept_by(&trial.hypothesis, &context.floors))
+                let left_out = left_out.get_or_init(|| LeaveOneRecordingOut::of(now, &context.floors)).as_ref();
+                left_out.and_then(|l| l.cross_validated_gain_ratio(&trial.hypothesis, &context.floors))
             };
             !has_unresolved_order(now, trial, all, context)
                 && !is_piece_of_vibration(trial, all, context)
@@ -294,17 +304,17 @@ impl<'s> Search<'s> {
     /// Adds candidate `i` of the round, and asks those before it again.
     fn add(&mut self, i: usize, said: &mut dyn FnMut(&str)) {
         let best = self.all.last.remove(i);
-        let best = unstuck(&self.all.found, best, self.context, said);
+        let best = out_of_local_minimum(&self.all.found, best, self.context, said);
         self.explained += best.gain;
         self.all.add(best, self.context);
         let found = self.all.found.clone();
-        self.all.found = reconsidered(found, &mut self.all.added, self.context, said);
+        self.all.found = exchange_near_rivals(found, &mut self.all.added, self.context, said);
     }
 
     /// True if two candidates that hide each other were added together.
-    fn adds_pair(&mut self, left_out: Option<&LeftOut>, said: &mut dyn FnMut(&str)) -> bool {
+    fn adds_pair(&mut self, left_out: Option<&LeaveOneRecordingOut>, said: &mut dyn FnMut(&str)) -> bool {
         let left_out = left_out.filter(|_| self.all.added.is_empty() && self.has_time());
-        let Some(pair) = left_out.and_then(|l| in_company(&self.all, self.library, l, self.context, said)) else {
+        let Some(pair) = left_out.and_then(|l| add_jointly(&self.all, self.library, l, self.context, said)) else {
             return false;
         };
         for trial in pair {
@@ -321,14 +331,14 @@ const COMPANIONS: usize = 3;
 
 /// A leader that does not hold on recordings left out, and the effect that makes it hold: two that hide each other look, one
 /// at a time, like nothing that is true (an offset beside friction that falls with speed). Both together must leave but noise.
-fn in_company(
+fn add_jointly(
     all: &Selection,
-    library: &dyn Fn(&Hypothesis) -> Vec<Candidate>,
-    left_out: &LeftOut,
+    library: &dyn Fn(&FittedModel) -> Vec<Candidate>,
+    left_out: &LeaveOneRecordingOut,
     context: &Context,
     said: &mut dyn FnMut(&str),
-) -> Option<[Trial; 2]> {
-    let mut leaders: Vec<&Trial> = Vec::new();
+) -> Option<[CandidateFit; 2]> {
+    let mut leaders: Vec<&CandidateFit> = Vec::new();
     for trial in all.last.iter().filter(|t| is_far_beyond_chance(t.gain, t.candidate.keys.len(), context)) {
         let e = trial.hypothesis.rig.effects.len() - 1;
         let is_new = leaders.iter().all(|l| l.candidate.effect != trial.candidate.effect);
@@ -352,9 +362,12 @@ fn in_company(
         let Some(second) = seconds.first().filter(|s| !is_misfit(&s.hypothesis.residuals, &context.floors)) else {
             continue;
         };
-        let kept = left_out.kept_by(&second.hypothesis, &context.floors).unwrap_or(0.0);
+        let kept = left_out.cross_validated_gain_ratio(&second.hypothesis, &context.floors).unwrap_or(0.0);
         said(&format!("   with {} both keep {kept:.2} of their gain on recordings left out", second.candidate.effect));
-        let alone = || LeftOut::of(now, &context.floors)?.kept_by(&second.hypothesis, &context.floors);
+        let alone = || {
+            LeaveOneRecordingOut::of(now, &context.floors)?
+                .cross_validated_gain_ratio(&second.hypothesis, &context.floors)
+        };
         if kept >= KEPT && is_accepted(now, (second, &seconds), leader.gain, alone, context, said) {
             return Some([leader.clone(), second.clone()]);
         }
@@ -363,7 +376,7 @@ fn in_company(
 }
 
 /// Says how the candidates of a round did.
-fn tell(trials: &[Trial], context: &Context, said: &mut dyn FnMut(&str)) {
+fn tell(trials: &[CandidateFit], context: &Context, said: &mut dyn FnMut(&str)) {
     for t in trials.iter().take(6) {
         let effect = t.hypothesis.rig.effects.last();
         let values: Vec<f64> = effect.map(|e| e.values.iter().map(|v| v.value).collect()).unwrap_or_default();

@@ -3,13 +3,13 @@
 //! RT: no.
 
 use crate::diagnose::candidates::{Candidate, Key, library};
-use crate::diagnose::flexible::flexibility;
-use crate::diagnose::hypothesis::Hypothesis;
-use crate::diagnose::lines::peaks_hz;
+use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::ltv::LtvWindow;
+use crate::diagnose::modes::flexibility;
 use crate::diagnose::scales::{JointScale, Scales};
 use crate::diagnose::scan::{Hit, jump, linear, push, ripple};
-use crate::diagnose::screen::Screen;
-use crate::diagnose::tangent::Tangent;
+use crate::diagnose::score_test::ScoreTest;
+use crate::diagnose::spectral_peaks::peaks_hz;
 use crate::identify::noise::spread;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{MechanismKind, Side};
@@ -25,10 +25,10 @@ type Line = Hit<(f64, f64)>;
 /// the second what is fast.
 #[must_use]
 pub fn candidates(
-    now: &Hypothesis,
+    now: &FittedModel,
     scales: &Scales,
-    [fine, coarse]: [&Screen; 2],
-    windows: &[Tangent],
+    [fine, coarse]: [&ScoreTest; 2],
+    windows: &[LtvWindow],
 ) -> Vec<Candidate> {
     let screen = fine;
     let mut all: Vec<Candidate> = library(scales).into_iter().filter(|c| !stands(now, c)).collect();
@@ -79,7 +79,7 @@ const BESIDE: usize = 3;
 
 /// Where the reading itself steps from one row to the next as no other two rows do: a base that the jump led astray shows it
 /// somewhere else.
-fn sharp_jump(now: &Hypothesis, scales: &Scales, channel: usize) -> Option<Candidate> {
+fn sharp_jump(now: &FittedModel, scales: &Scales, channel: usize) -> Option<Candidate> {
     let step = |y: &[f64]| {
         let (before, after) = (y[BESIDE] - y[0], y[2 * BESIDE + 1] - y[BESIDE + 1]);
         y[BESIDE + 1] - y[BESIDE] - 0.5 * (before + after) / BESIDE as f64
@@ -112,7 +112,7 @@ fn sharp_jump(now: &Hypothesis, scales: &Scales, channel: usize) -> Option<Candi
 
 /// True if the rig has this effect at this place as a free number already. A known one (a spring of the set-up) may
 /// have company.
-fn stands(now: &Hypothesis, candidate: &Candidate) -> bool {
+fn stands(now: &FittedModel, candidate: &Candidate) -> bool {
     let here = now.rig.effects.iter().filter(|e| e.kind.id() == candidate.effect && e.at == candidate.at);
     // A twin in motion that is already free leaves nothing to the other.
     let twin = candidate.effect == "friction_asymmetry"
@@ -122,9 +122,9 @@ fn stands(now: &Hypothesis, candidate: &Candidate) -> bool {
 
 /// Where something rings at joint `j`.
 fn lines(
-    now: &Hypothesis,
+    now: &FittedModel,
     scales: &Scales,
-    (screen, windows): (&Screen, &[Tangent]),
+    (screen, windows): (&ScoreTest, &[LtvWindow]),
     j: usize,
     peaks_hz: &[f64],
 ) -> Vec<Line> {
@@ -200,7 +200,7 @@ const LOUDER: [f64; 2] = [1.0, 3.0];
 /// Orders of a scan that are handed on: where the base is far from the truth, the order of a ripple is not the best.
 const ORDERS: usize = 3;
 
-fn ripple_candidates(scales: &Scales, screens: [&Screen; 2], windows: &[Tangent], joint: usize) -> Vec<Candidate> {
+fn ripple_candidates(scales: &Scales, screens: [&ScoreTest; 2], windows: &[LtvWindow], joint: usize) -> Vec<Candidate> {
     let orders = orders(scales, joint);
     let hits = screens.iter().flat_map(|screen| ripple(screen, windows, joint, &orders).into_iter().take(ORDERS));
     let mut out: Vec<Candidate> = Vec::new();
@@ -236,7 +236,7 @@ fn ripple_candidate(scales: &Scales, hit: &Hit<f64>, joint: usize) -> Candidate 
     }
 }
 
-fn file(now: &Hypothesis, window: &Tangent) -> Option<String> {
+fn file(now: &FittedModel, window: &LtvWindow) -> Option<String> {
     now.problem.recordings.get(window.recording).map(|r| r.name.clone())
 }
 
@@ -247,10 +247,10 @@ const LOUD: [f64; 3] = [1.0, 2.0, 4.0];
 const REACH_S: f64 = 0.1;
 
 fn push_candidate(
-    now: &Hypothesis,
+    now: &FittedModel,
     scales: &Scales,
-    screen: &Screen,
-    windows: &[Tangent],
+    screen: &ScoreTest,
+    windows: &[LtvWindow],
     joint: usize,
 ) -> Option<Candidate> {
     let Hit { at: (w, k), score } = push(screen, windows, joint)?;
@@ -286,10 +286,10 @@ fn single(
 
 /// Where `channel` jumps and stays, if it can lose counts.
 fn jump_of(
-    now: &Hypothesis,
+    now: &FittedModel,
     scales: &Scales,
-    screen: &Screen,
-    windows: &[Tangent],
+    screen: &ScoreTest,
+    windows: &[LtvWindow],
     channel: usize,
 ) -> Option<Hit<(usize, usize)>> {
     let sensor = &now.rig.sensors[channel];
@@ -303,9 +303,9 @@ const KICK_ROWS: f64 = 60.0;
 /// A push that moves joint `j` by as much as its reading jumps and leaves it there. The tangent of a joint that friction
 /// holds feels no force, and a scan for pushes on it finds none.
 fn kick_candidate(
-    now: &Hypothesis,
+    now: &FittedModel,
     scales: &Scales,
-    windows: &[Tangent],
+    windows: &[LtvWindow],
     (j, hit): (usize, &Hit<(usize, usize)>),
 ) -> Option<Candidate> {
     let joint = &scales.joints[j];
@@ -324,9 +324,9 @@ fn kick_candidate(
 }
 
 fn jump_candidate(
-    now: &Hypothesis,
+    now: &FittedModel,
     scales: &Scales,
-    windows: &[Tangent],
+    windows: &[LtvWindow],
     (channel, hit): (usize, &Hit<(usize, usize)>),
 ) -> Candidate {
     let ((w, k), step) = (hit.at, hit.score.amplitudes[0]);
@@ -339,7 +339,7 @@ fn jump_candidate(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::screen::Score;
+    use crate::diagnose::score_test::Score;
 
     #[test]
     fn a_mode_starts_at_the_best_line_of_another_link_within_its_range() {

@@ -3,14 +3,14 @@
 //!
 //! RT: no.
 
-use crate::diagnose::allowance::{allowance, within};
-use crate::diagnose::carry::goes_on;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::budget::{allowance, within};
+use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::accept::is_admissible;
 use crate::diagnose::judge::criterion::{Context, compare};
 use crate::diagnose::judge::exchange::{earns_its_place, takes_its_place};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
-use crate::diagnose::tried::{Added, Trial, left_out};
+use crate::diagnose::state_continuity::has_continuous_states;
 use crate::identify::fit::Limits;
 use crate::model::rig::{Effect, Rig};
 use rayon::prelude::*;
@@ -18,7 +18,11 @@ use rayon::prelude::*;
 /// Swap and backward: every effect of `found` is exchanged for its close rivals in the company of the others, and
 /// left out; what is better stays.
 #[must_use]
-pub fn contested(found: Hypothesis, mut added: Vec<Added>, context: &Context) -> (Hypothesis, Vec<Added>) {
+pub fn exchange_and_eliminate(
+    found: FittedModel,
+    mut added: Vec<SelectedEffect>,
+    context: &Context,
+) -> (FittedModel, Vec<SelectedEffect>) {
     let first = context.given;
     let mut found = found;
     if added.len() < 2 {
@@ -26,7 +30,7 @@ pub fn contested(found: Hypothesis, mut added: Vec<Added>, context: &Context) ->
     }
     let mut i = 0;
     while i < added.len() {
-        let Some(without) = left_out(&found, first + i, context) else { break };
+        let Some(without) = refit_without(&found, first + i, context) else { break };
         let kept = compare(&found, &without, context);
         if !earns_its_place(&added[i].candidate, kept, context) {
             found = without;
@@ -34,9 +38,9 @@ pub fn contested(found: Hypothesis, mut added: Vec<Added>, context: &Context) ->
             continue;
         }
         added[i].gain = kept.total;
-        let rivals = exchanged(&found, &added[i], first + i, context, CLOSE * leading(&added[i]));
+        let rivals = fit_rivals(&found, &added[i], first + i, context, CLOSE * leading(&added[i]));
         if let Some(better) = rivals.first().filter(|r| takes_its_place(&found, r, &added[i], kept.total, context)) {
-            let old = Trial { candidate: added[i].candidate.clone(), hypothesis: found, gain: kept.total };
+            let old = CandidateFit { candidate: added[i].candidate.clone(), hypothesis: found, gain: kept.total };
             (found, added[i].candidate) = (better.hypothesis.clone(), better.candidate.clone());
             added[i].others = [vec![old], rivals[1..].to_vec()].concat();
         } else {
@@ -48,7 +52,7 @@ pub fn contested(found: Hypothesis, mut added: Vec<Added>, context: &Context) ->
 }
 
 /// `rig` with the effect of `trial` in the place of effect `e`.
-pub(super) fn in_its_place(rig: &Rig, trial: &Trial, e: usize) -> Option<Rig> {
+pub(super) fn in_its_place(rig: &Rig, trial: &CandidateFit, e: usize) -> Option<Rig> {
     let mut rig = rig.clone();
     let is_its = |effect: &&Effect| effect.kind.id() == trial.candidate.effect && effect.at == trial.candidate.at;
     *rig.effects.get_mut(e)? = trial.hypothesis.rig.effects.iter().rev().find(is_its)?.clone();
@@ -65,30 +69,30 @@ const CLOSE: f64 = 0.4;
 pub(super) const NEAR: f64 = 0.75;
 
 /// Gain of the best rival.
-fn leading(added: &Added) -> f64 {
+fn leading(added: &SelectedEffect) -> f64 {
     added.others.first().map_or(0.0, |other| other.gain)
 }
 
 /// Swap alone, with the near rivals of each effect before the last: one that was chosen while another was missing may
 /// have been the wrong one of two, and a third effect would be called to make up for it.
 #[must_use]
-pub fn reconsidered(
-    mut found: Hypothesis,
-    added: &mut [Added],
+pub fn exchange_near_rivals(
+    mut found: FittedModel,
+    added: &mut [SelectedEffect],
     context: &Context,
     said: &mut dyn FnMut(&str),
-) -> Hypothesis {
+) -> FittedModel {
     let first = context.given;
     for i in 0..added.len().saturating_sub(1) {
         let own = added[i].gain;
-        let rivals = exchanged(&found, &added[i], first + i, context, NEAR * own);
+        let rivals = fit_rivals(&found, &added[i], first + i, context, NEAR * own);
         let Some(better) = rivals.into_iter().next().filter(|r| takes_its_place(&found, r, &added[i], own, context))
         else {
             continue;
         };
         let (before, after) = (&added[i].candidate, &better.candidate);
         said(&format!("   {}@{} in the place of {}@{}", after.effect, after.at, before.effect, before.at));
-        let old = Trial { candidate: before.clone(), hypothesis: found, gain: own };
+        let old = CandidateFit { candidate: before.clone(), hypothesis: found, gain: own };
         added[i].others.retain(|t| t.candidate != better.candidate);
         added[i].others.insert(0, old);
         (found, added[i].candidate) = (better.hypothesis, better.candidate);
@@ -98,21 +102,29 @@ pub fn reconsidered(
 
 /// The rivals of effect `e` that gained more than `least`, fitted in its place, as far as they are believable; best first,
 /// gains relative to leaving it out.
-fn exchanged(found: &Hypothesis, added: &Added, e: usize, context: &Context, least: f64) -> Vec<Trial> {
+fn fit_rivals(
+    found: &FittedModel,
+    added: &SelectedEffect,
+    e: usize,
+    context: &Context,
+    least: f64,
+) -> Vec<CandidateFit> {
     let admitted = added.others.iter().filter(|t| !is_overly_flexible(found, t, context));
-    let close: Vec<&Trial> = admitted.filter(|t| t.gain > least).take(4).collect();
+    let close: Vec<&CandidateFit> = admitted.filter(|t| t.gain > least).take(4).collect();
     let (most, limits) = (allowance(found), Limits { iterations: 10, tolerance: 1e-5 });
-    let one = |trial: &&Trial| {
+    let one = |trial: &&CandidateFit| {
         let (problem, point) = found.extended(in_its_place(&found.rig, trial, e)?);
         let hypothesis = within(most, found, problem, point, (&found.noise, limits), context)?;
         let behind = compare(found, &hypothesis, context).total;
-        Some(Trial { candidate: trial.candidate.clone(), hypothesis, gain: added.gain - behind })
+        Some(CandidateFit { candidate: trial.candidate.clone(), hypothesis, gain: added.gain - behind })
     };
-    let mut out: Vec<Trial> = close.par_iter().filter_map(one).collect();
+    let mut out: Vec<CandidateFit> = close.par_iter().filter_map(one).collect();
     out.retain(|trial| is_admissible(&trial.hypothesis, e, context));
     if out.iter().any(|trial| trial.candidate.has_inner_states()) {
-        let without = left_out(found, e, context);
-        let goes_on = |t: &Trial| without.as_ref().is_none_or(|w| goes_on(w, &t.hypothesis, &context.floors));
+        let without = refit_without(found, e, context);
+        let goes_on = |t: &CandidateFit| {
+            without.as_ref().is_none_or(|w| has_continuous_states(w, &t.hypothesis, &context.floors))
+        };
         out.retain(goes_on);
     }
     out.sort_by(|a, b| b.gain.total_cmp(&a.gain));

@@ -5,7 +5,7 @@
 //! order of ripple, every instant of a push, a free curve over angle, rate or time) cost microseconds each.
 //! RT: no.
 
-use crate::diagnose::screen::Column;
+use crate::diagnose::score_test::Column;
 use nalgebra::{SMatrix, SVector};
 
 /// Most numbers of a rigid mechanism's state; shorter ones are padded with zeros.
@@ -25,7 +25,7 @@ pub type StateRow = SVector<f64, STATES>;
 
 /// One window of the base solution, linearised.
 #[derive(Clone, Debug)]
-pub struct Tangent {
+pub struct LtvWindow {
     /// Index of the recording.
     pub recording: usize,
     /// Time of each row, s of the recording.
@@ -42,7 +42,7 @@ pub struct Tangent {
     pub output: Vec<StateRow>,
 }
 
-impl Tangent {
+impl LtvWindow {
     /// Number of rows.
     #[must_use]
     pub fn rows(&self) -> usize {
@@ -79,19 +79,19 @@ impl Tangent {
 
 /// Response of all windows to a force at `joint` that depends on window and row.
 #[must_use]
-pub fn force_column(windows: &[Tangent], joint: usize, force: impl Fn(&Tangent, usize) -> f64) -> Column {
+pub fn force_column(windows: &[LtvWindow], joint: usize, force: impl Fn(&LtvWindow, usize) -> f64) -> Column {
     windows.iter().map(|w| w.respond(joint, |k| force(w, k))).collect()
 }
 
 /// A signal on one channel in all windows.
 #[must_use]
-pub fn reading_column(windows: &[Tangent], channel: usize, signal: impl Fn(&Tangent, usize) -> f64) -> Column {
+pub fn reading_column(windows: &[LtvWindow], channel: usize, signal: impl Fn(&LtvWindow, usize) -> f64) -> Column {
     windows.iter().map(|w| w.reading(channel, |k| signal(w, k))).collect()
 }
 
 /// A force in one window only.
 #[must_use]
-pub fn local_force(windows: &[Tangent], only: usize, joint: usize, force: impl Fn(usize) -> f64) -> Column {
+pub fn local_force(windows: &[LtvWindow], only: usize, joint: usize, force: impl Fn(usize) -> f64) -> Column {
     let mut column: Column = vec![Vec::new(); windows.len()];
     column[only] = windows[only].respond(joint, force);
     column
@@ -102,9 +102,9 @@ pub(crate) mod tests {
     use super::*;
 
     /// A unit mass on one axis, 10 ms rows, 100 rows, reading its position.
-    pub(crate) fn mass() -> Tangent {
+    pub(crate) fn mass() -> LtvWindow {
         let h = 0.01;
-        Tangent {
+        LtvWindow {
             recording: 0,
             t_s: (0..100).map(|k| f64::from(k) * h).collect(),
             states: (0..100).map(|k| vec![f64::from(k) * h, 1.0]).collect(),

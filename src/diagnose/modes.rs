@@ -5,11 +5,11 @@
 //! this is a known force on the tangent, whatever the frequency; what rings from before the window is free.
 //! RT: no.
 
-use crate::diagnose::lines::{LOWEST_HZ, highest_hz};
+use crate::diagnose::ltv::LtvWindow;
 use crate::diagnose::scales::JointScale;
 use crate::diagnose::scan::Hit;
-use crate::diagnose::screen::{Column, Own, Screen};
-use crate::diagnose::tangent::Tangent;
+use crate::diagnose::score_test::{Column, Own, ScoreTest};
+use crate::diagnose::spectral_peaks::{LOWEST_HZ, highest_hz};
 use rayon::prelude::*;
 
 /// Ratio of neighbouring frequencies: a mode of 4 % damping is as wide.
@@ -29,8 +29,8 @@ const STARTS: usize = 3;
 /// coordinates whose sum is the link's angle in space; `peaks_hz`: lines of the residuals, which a grid would miss.
 #[must_use]
 pub fn flexibility(
-    screen: &Screen,
-    windows: &[Tangent],
+    screen: &ScoreTest,
+    windows: &[LtvWindow],
     joint: &JointScale,
     absolute: &[usize],
     peaks_hz: &[f64],
@@ -58,16 +58,16 @@ pub fn flexibility(
 }
 
 /// Response to a mode of unit share; and the free ringing of each window, from unit deflection and from unit rate.
-fn responses(windows: &[Tangent], inertia: f64, absolute: &[usize], (hz, damping): (f64, f64)) -> (Column, Vec<Own>) {
+fn responses(windows: &[LtvWindow], inertia: f64, absolute: &[usize], (hz, damping): (f64, f64)) -> (Column, Vec<Own>) {
     let omega = 2.0 * std::f64::consts::PI * hz;
-    let felt = |w: &Tangent, start: [f64; 2], driven: bool| {
+    let felt = |w: &LtvWindow, start: [f64; 2], driven: bool| {
         let force: Vec<f64> =
             ringing(w, absolute, (omega, damping), start, driven).iter().map(|a| -inertia * a).collect();
         let mut parts = absolute.iter().map(|j| w.respond(*j, |k| force[k]));
         let first = parts.next().unwrap_or_default();
         parts.fold(first, |sum, part| sum.iter().zip(&part).map(|(a, b)| added(a, b)).collect())
     };
-    let free = |w: &Tangent| [[1.0, 0.0], [0.0, omega]].map(|start| felt(w, start, false)).into();
+    let free = |w: &LtvWindow| [[1.0, 0.0], [0.0, omega]].map(|start| felt(w, start, false)).into();
     (windows.iter().map(|w| felt(w, [0.0, 0.0], true)).collect(), windows.iter().map(free).collect())
 }
 
@@ -76,7 +76,7 @@ fn added(a: &[f64], b: &[f64]) -> Vec<f64> {
 }
 
 /// Second derivative of the mode's deflection, row by row; the link's acceleration is held during a row.
-fn ringing(w: &Tangent, absolute: &[usize], (omega, damping): (f64, f64), start: [f64; 2], driven: bool) -> Vec<f64> {
+fn ringing(w: &LtvWindow, absolute: &[usize], (omega, damping): (f64, f64), start: [f64; 2], driven: bool) -> Vec<f64> {
     let coordinates = w.states.first().map_or(0, Vec::len) / 2;
     let rate = |k: usize| absolute.iter().map(|j| w.states[k][coordinates + j]).sum::<f64>();
     let swing = omega * libm::sqrt(1.0 - damping * damping);
@@ -105,7 +105,7 @@ fn ringing(w: &Tangent, absolute: &[usize], (omega, damping): (f64, f64), start:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::tangent::tests::mass;
+    use crate::diagnose::ltv::tests::mass;
 
     #[test]
     fn an_undriven_mode_rings_at_its_frequency() {

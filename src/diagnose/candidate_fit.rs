@@ -3,7 +3,7 @@
 //! RT: no.
 
 use crate::diagnose::candidates::Candidate;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::criterion::Context;
 use crate::identify::fit::Limits;
 use crate::model::effect::EffectKind;
@@ -14,22 +14,22 @@ pub const MOST_EFFORT: u64 = 500_000_000;
 
 /// A candidate, fitted.
 #[derive(Clone, Debug)]
-pub struct Trial {
+pub struct CandidateFit {
     /// What was added.
     pub candidate: Candidate,
     /// Where that led.
-    pub hypothesis: Hypothesis,
+    pub hypothesis: FittedModel,
     /// Gain of twice the log-likelihood over what it was added to, under the noise that the best of its round leaves.
     pub gain: f64,
 }
 
 /// An effect that was added, with the other candidates of its round.
 #[derive(Clone, Debug)]
-pub struct Added {
+pub struct SelectedEffect {
     /// What was added.
     pub candidate: Candidate,
     /// The others that were fitted in its round, best first.
-    pub others: Vec<Trial>,
+    pub others: Vec<CandidateFit>,
     /// Gain over the model before it.
     pub gain: f64,
     /// Part of the misfit energy that it removed.
@@ -61,19 +61,19 @@ pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
 
 /// `found` without its effect number `e`, everything else fitted again.
 #[must_use]
-pub fn left_out(found: &Hypothesis, e: usize, context: &Context) -> Option<Hypothesis> {
+pub fn refit_without(found: &FittedModel, e: usize, context: &Context) -> Option<FittedModel> {
     let mut rig = found.rig.clone();
     rig.effects.remove(e);
     let (problem, point) = found.extended(rig);
-    Hypothesis::fitted(problem, point, &found.noise, &context.floors, Limits { iterations: 10, tolerance: 1e-5 })
+    FittedModel::fitted(problem, point, &found.noise, &context.floors, Limits { iterations: 10, tolerance: 1e-5 })
 }
 
 /// For tests: a pendulum shaken for 2 s that hides something, and fits of what may stand for it.
 #[cfg(test)]
 pub(crate) mod worked {
-    use super::{Added, Trial};
+    use super::{CandidateFit, SelectedEffect};
     use crate::diagnose::candidates::Candidate;
-    use crate::diagnose::hypothesis::Hypothesis;
+    use crate::diagnose::fitted_model::FittedModel;
     use crate::diagnose::judge::criterion::Context;
     use crate::identify::fit::Limits;
     use crate::identify::noise::Colour;
@@ -105,10 +105,10 @@ pub(crate) mod worked {
 
     impl Hidden {
         /// The machine with `effects` beside its own, fitted for so many steps.
-        pub(crate) fn fitted(&self, effects: &str, iterations: usize, context: &Context) -> Hypothesis {
+        pub(crate) fn fitted(&self, effects: &str, iterations: usize, context: &Context) -> FittedModel {
             let problem = Problem::shaken(&format!("{RIG}{effects}"), None, self.0.clone());
             let (start, limits) = (problem.start(), Limits { iterations, tolerance: 1e-7 });
-            Hypothesis::fitted(problem, start, &[Colour::white(0.001)], &context.floors, limits).unwrap()
+            FittedModel::fitted(problem, start, &[Colour::white(0.001)], &context.floors, limits).unwrap()
         }
 
         fn candidate(effect: &'static str, at: &str) -> Candidate {
@@ -124,12 +124,22 @@ pub(crate) mod worked {
             iterations: usize,
             gain: f64,
             context: &Context,
-        ) -> Trial {
-            Trial { candidate: Self::candidate(effect, at), hypothesis: self.fitted(text, iterations, context), gain }
+        ) -> CandidateFit {
+            CandidateFit {
+                candidate: Self::candidate(effect, at),
+                hypothesis: self.fitted(text, iterations, context),
+                gain,
+            }
         }
 
-        pub(crate) fn added(&self, effect: &'static str, at: &str, gain: f64, others: Vec<Trial>) -> Added {
-            Added { candidate: Self::candidate(effect, at), others, gain, removed: 0.5 }
+        pub(crate) fn added(
+            &self,
+            effect: &'static str,
+            at: &str,
+            gain: f64,
+            others: Vec<CandidateFit>,
+        ) -> SelectedEffect {
+            SelectedEffect { candidate: Self::candidate(effect, at), others, gain, removed: 0.5 }
         }
     }
 }

@@ -5,7 +5,7 @@
 //! RT: no.
 
 use crate::diagnose::candidates::Candidate;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::likelihood::samples;
 use crate::identify::fit::Point;
@@ -23,9 +23,9 @@ const LEAST: usize = 16;
 const LEAST_OF_EACH: usize = 3;
 
 /// A hypothesis on some of its windows.
-pub struct Thin {
+pub struct Subsample {
     /// On those windows.
-    pub hypothesis: Hypothesis,
+    pub hypothesis: FittedModel,
     /// Fewer samples ask for less gain.
     pub context: Context,
     kept: Vec<usize>,
@@ -33,13 +33,13 @@ pub struct Thin {
 
 /// `of` on fewer windows; `None` if all of them are needed.
 #[must_use]
-pub fn thinned(of: &Hypothesis, library: &[Candidate], context: &Context) -> Option<Thin> {
+pub fn subsampled(of: &FittedModel, library: &[Candidate], context: &Context) -> Option<Subsample> {
     let kept = few(&of.problem, context.samples)?;
-    Some(Thin::of(of, &kept, library, context))
+    Some(Subsample::of(of, &kept, library, context))
 }
 
-impl Thin {
-    fn of(of: &Hypothesis, kept: &[usize], library: &[Candidate], context: &Context) -> Self {
+impl Subsample {
+    fn of(of: &FittedModel, kept: &[usize], library: &[Candidate], context: &Context) -> Self {
         let wanted = |w: &usize| kept.contains(w) || holds_event(&of.problem, *w, library);
         let kept: Vec<usize> = (0..of.problem.spans.len()).filter(wanted).collect();
         let hypothesis = of.on_windows(&kept);
@@ -57,7 +57,7 @@ impl Thin {
 
     /// `trial`, fitted to these windows, as a start on all windows of `base`.
     #[must_use]
-    pub fn widened(&self, base: &Hypothesis, trial: &Hypothesis) -> (Problem, Point) {
+    pub fn widened(&self, base: &FittedModel, trial: &FittedModel) -> (Problem, Point) {
         let (problem, mut point) = base.extended(trial.rig.clone());
         for (w, state) in self.kept.iter().zip(&trial.point.states) {
             point.states[*w].clone_from(state);

@@ -2,15 +2,15 @@
 //!
 //! RT: no.
 
-use crate::diagnose::allowance::{allowance, within};
-use crate::diagnose::contest::{NEAR, in_its_place};
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::budget::{allowance, within};
+use crate::diagnose::candidate_fit::{CandidateFit, MOST_EFFORT, SelectedEffect};
+use crate::diagnose::exchange::{NEAR, in_its_place};
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::accept::is_at_bound;
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::judge::exchange::is_clear;
 use crate::diagnose::judge::simplicity::LIMITS_OF;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::tried::{Added, MOST_EFFORT, Trial};
 use crate::identify::fit::Limits;
 use rayon::prelude::*;
 
@@ -18,15 +18,15 @@ use rayon::prelude::*;
 /// neither can be exchanged alone (two ripples for a spring and a ripple of order 12), and what is then found too late (a
 /// push, after two that stand for a limit of the torque) has no place.
 #[must_use]
-pub fn paired(
-    mut found: Hypothesis,
-    added: &mut [Added],
-    last: &[Trial],
+pub fn exchange_pairs(
+    mut found: FittedModel,
+    added: &mut [SelectedEffect],
+    last: &[CandidateFit],
     context: &Context,
     said: &mut dyn FnMut(&str),
-) -> Hypothesis {
-    let counts = |t: &&Trial| t.gain > detection_threshold(context, t.candidate.keys.len());
-    let late: Vec<&Trial> = last.iter().filter(counts).take(LATE).collect();
+) -> FittedModel {
+    let counts = |t: &&CandidateFit| t.gain > detection_threshold(context, t.candidate.keys.len());
+    let late: Vec<&CandidateFit> = last.iter().filter(counts).take(LATE).collect();
     if late.is_empty() || found.problem.effort.spent() > MOST_EFFORT / 5 * 4 {
         return found;
     }
@@ -34,14 +34,14 @@ pub fn paired(
     for j in 1..added.len() {
         for i in 0..j {
             let stays =
-                |k: usize| Trial { candidate: added[k].candidate.clone(), hypothesis: found.clone(), gain: 0.0 };
+                |k: usize| CandidateFit { candidate: added[k].candidate.clone(), hypothesis: found.clone(), gain: 0.0 };
             let (first, second) = (rivals(&added[i]), rivals(&added[j]));
-            let firsts: Vec<Trial> = [vec![stays(i)], first].concat();
-            let seconds: Vec<Trial> = [vec![stays(j)], second, late.iter().copied().cloned().collect()].concat();
+            let firsts: Vec<CandidateFit> = [vec![stays(i)], first].concat();
+            let seconds: Vec<CandidateFit> = [vec![stays(j)], second, late.iter().copied().cloned().collect()].concat();
             let pairs = firsts.iter().flat_map(|a| seconds.iter().map(move |b| [a, b])).skip(1);
-            let different = |[a, b]: &[&Trial; 2]| !a.candidate.is_same_as(&b.candidate);
-            let pairs: Vec<[&Trial; 2]> = pairs.filter(different).collect();
-            let fitted = |[a, b]: [&Trial; 2]| {
+            let different = |[a, b]: &[&CandidateFit; 2]| !a.candidate.is_same_as(&b.candidate);
+            let pairs: Vec<[&CandidateFit; 2]> = pairs.filter(different).collect();
+            let fitted = |[a, b]: [&CandidateFit; 2]| {
                 let rig = in_its_place(&found.rig, a, context.given + i)?;
                 let (problem, start) = found.extended(in_its_place(&rig, b, context.given + j)?);
                 let fit = within(most, &found, problem, start, (&found.noise, limits), context)?;
@@ -62,9 +62,10 @@ pub fn paired(
                     continue;
                 }
                 let before = std::mem::replace(&mut added[k].candidate, candidate);
-                added[k]
-                    .others
-                    .insert(0, Trial { candidate: before, hypothesis: old.clone(), gain: added[k].gain - ahead });
+                added[k].others.insert(
+                    0,
+                    CandidateFit { candidate: before, hypothesis: old.clone(), gain: added[k].gain - ahead },
+                );
             }
         }
     }
@@ -72,12 +73,14 @@ pub fn paired(
 }
 
 /// The rivals of `added` that are tried in pairs, one for each effect and place.
-fn rivals(added: &Added) -> Vec<Trial> {
-    let richer = |t: &Trial| LIMITS_OF.contains(&(added.candidate.effect, t.candidate.effect));
-    let close = |t: &&Trial| t.gain > HALF * added.gain && !t.candidate.is_same_as(&added.candidate) && !richer(t);
-    let mut out: Vec<Trial> = Vec::new();
+fn rivals(added: &SelectedEffect) -> Vec<CandidateFit> {
+    let richer = |t: &CandidateFit| LIMITS_OF.contains(&(added.candidate.effect, t.candidate.effect));
+    let close =
+        |t: &&CandidateFit| t.gain > HALF * added.gain && !t.candidate.is_same_as(&added.candidate) && !richer(t);
+    let mut out: Vec<CandidateFit> = Vec::new();
     for trial in added.others.iter().filter(close) {
-        let alike = |t: &Trial| t.candidate.effect == trial.candidate.effect && t.candidate.at == trial.candidate.at;
+        let alike =
+            |t: &CandidateFit| t.candidate.effect == trial.candidate.effect && t.candidate.at == trial.candidate.at;
         if out.len() < IN_PAIRS && (trial.gain > NEAR * added.gain || !out.iter().any(alike)) {
             out.push(trial.clone());
         }
@@ -95,7 +98,7 @@ const LATE: usize = 3;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::tried::worked::{Shown, shown};
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
     const SPRING: &str = "[[effect]]\neffect = \"parallel_spring\"\nat = \"q1\"\n";
@@ -121,9 +124,9 @@ mod tests {
         let late = [rival("parallel_spring", &spring, 500.0)];
         let mut added = [first, second];
         let silent = |_: &str| {};
-        let same = paired(found.clone(), &mut added, &[], &context, &mut silent.clone());
+        let same = exchange_pairs(found.clone(), &mut added, &[], &context, &mut silent.clone());
         assert_eq!(same.rig, found.rig, "nothing is left over: nothing is tried");
-        let better = paired(found, &mut added, &late, &context, &mut silent.clone());
+        let better = exchange_pairs(found, &mut added, &late, &context, &mut silent.clone());
         assert_eq!(added.map(|a| a.candidate.effect), ["quadratic_drag", "parallel_spring"]);
         let value = |e: usize, k: usize| better.rig.effects[context.given + e].values[k].value;
         assert!(

@@ -2,17 +2,17 @@
 //!
 //! RT: no.
 
-use crate::diagnose::allowance::{allowance, within};
-use crate::diagnose::carry::goes_on;
-use crate::diagnose::contest::in_its_place;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::budget::{allowance, within};
+use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
+use crate::diagnose::exchange::in_its_place;
+use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::initial_states::refit_states;
 use crate::diagnose::judge::accept::is_admissible;
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::exchange::takes_its_place;
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::stragglers::reseated;
-use crate::diagnose::tried::{Added, Trial, left_out};
+use crate::diagnose::state_continuity::has_continuous_states;
 use crate::identify::fit::Limits;
 use rayon::prelude::*;
 
@@ -25,30 +25,35 @@ const LAST: Limits = Limits { iterations: 25, tolerance: 1e-7 };
 /// what this data cannot tell apart would pass for told. Who then stands better takes the place. Not where misfit stays: there
 /// no form is the true one, and who bends to it best (a ripple of some order) is not who is missing.
 #[must_use]
-pub fn at_rest(mut found: Hypothesis, mut added: Vec<Added>, context: &Context) -> (Hypothesis, Vec<Added>) {
+pub fn converge_rivals(
+    mut found: FittedModel,
+    mut added: Vec<SelectedEffect>,
+    context: &Context,
+) -> (FittedModel, Vec<SelectedEffect>) {
     if is_misfit(&found.residuals, &context.floors) {
         return (found, added);
     }
     let most = allowance(&found);
     for (i, a) in added.iter_mut().enumerate() {
-        let total = |h: &Hypothesis| -> f64 { h.blocks(&found.noise).iter().sum() };
-        let comparable = |t: &&mut Trial| t.hypothesis.rig.effects.len() == found.rig.effects.len();
-        let near = |t: &&mut Trial| t.gain > NEARBY * a.gain && !t.candidate.is_same_as(&a.candidate);
-        let mut rivals: Vec<&mut Trial> = a.others.iter_mut().filter(comparable).filter(near).take(SETTLED).collect();
+        let total = |h: &FittedModel| -> f64 { h.blocks(&found.noise).iter().sum() };
+        let comparable = |t: &&mut CandidateFit| t.hypothesis.rig.effects.len() == found.rig.effects.len();
+        let near = |t: &&mut CandidateFit| t.gain > NEARBY * a.gain && !t.candidate.is_same_as(&a.candidate);
+        let mut rivals: Vec<&mut CandidateFit> =
+            a.others.iter_mut().filter(comparable).filter(near).take(SETTLED).collect();
         rivals.par_iter_mut().for_each(|trial| {
             // From where it stands, and from where the answer does: a rival may have stopped in a false minimum.
             let there = in_its_place(&found.rig, trial, context.given + i).map(|rig| found.extended(rig));
             let here = (trial.hypothesis.problem.clone(), trial.hypothesis.point.clone());
             for (problem, start) in there.into_iter().chain([here]) {
                 let finer = within(most, &found, problem, start, (&found.noise, LAST), context);
-                let finer = finer.map(|f| reseated(&f, &context.floors).unwrap_or(f));
+                let finer = finer.map(|f| refit_states(&f, &context.floors).unwrap_or(f));
                 if let Some(finer) = finer.filter(|f| total(f) > total(&trial.hypothesis)) {
                     trial.gain += total(&finer) - total(&trial.hypothesis);
                     trial.hypothesis = finer;
                 }
             }
         });
-        let takes_it = |t: &Trial| {
+        let takes_it = |t: &CandidateFit| {
             let same_company = t.hypothesis.rig.effects.len() == found.rig.effects.len();
             same_company
                 && takes_its_place(&found, t, a, a.gain, context)
@@ -60,7 +65,7 @@ pub fn at_rest(mut found: Hypothesis, mut added: Vec<Added>, context: &Context) 
         let winner = a.others.remove(best);
         let candidate = std::mem::replace(&mut a.candidate, winner.candidate);
         let loser = std::mem::replace(&mut found, winner.hypothesis);
-        a.others.insert(0, Trial { candidate, hypothesis: loser, gain: a.gain });
+        a.others.insert(0, CandidateFit { candidate, hypothesis: loser, gain: a.gain });
         a.gain = winner.gain;
     }
     (found, added)
@@ -68,10 +73,11 @@ pub fn at_rest(mut found: Hypothesis, mut added: Vec<Added>, context: &Context) 
 
 /// True if `trial` may stand in the place of effect `e`: no piece of a misfit, no number at the edge of its range, and what is
 /// inside goes on from window to window.
-fn is_admitted(found: &Hypothesis, trial: &Trial, e: usize, context: &Context) -> bool {
+fn is_admitted(found: &FittedModel, trial: &CandidateFit, e: usize, context: &Context) -> bool {
     let goes_on = || {
         !trial.candidate.has_inner_states()
-            || left_out(found, e, context).is_none_or(|without| goes_on(&without, &trial.hypothesis, &context.floors))
+            || refit_without(found, e, context)
+                .is_none_or(|without| has_continuous_states(&without, &trial.hypothesis, &context.floors))
     };
     !is_overly_flexible(found, trial, context) && is_admissible(&trial.hypothesis, e, context) && goes_on()
 }
@@ -79,8 +85,8 @@ fn is_admitted(found: &Hypothesis, trial: &Trial, e: usize, context: &Context) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
     use crate::diagnose::judge::criterion::compare;
-    use crate::diagnose::tried::worked::{Shown, shown};
 
     const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = ";
     const DELAY: &str = "[[effect]]\neffect = \"transport_delay\"\nat = \"u\"\ndelay = ";
@@ -96,7 +102,7 @@ mod tests {
         let rival = problem.trial("actuator_lag", "u", &lag, 1, 900.0, &context);
         assert!(compare(&found, &rival.hypothesis, &context).total > 30.0, "as it stands it is far behind");
         let added = problem.added("transport_delay", "u", 1000.0, vec![rival]);
-        let (found, added) = at_rest(found, vec![added], &context);
+        let (found, added) = converge_rivals(found, vec![added], &context);
         assert_eq!(
             (added[0].candidate.effect, added[0].others[0].candidate.effect),
             ("actuator_lag", "transport_delay")

@@ -2,10 +2,10 @@
 //!
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::pooling::{asks_for_separate_fits, disagrees, is_explained, is_unfollowed};
 use crate::diagnose::likelihood::white;
-use crate::diagnose::unlisted::Unlisted;
+use crate::diagnose::residual_force::Unlisted;
 use crate::identify::fit::{Limits, Point};
 use crate::identify::noise::{Colour, median_abs};
 use crate::identify::problem::Problem;
@@ -14,7 +14,7 @@ use crate::report::table::number;
 
 /// The answer where nothing was found and a channel does not follow all the same: its sign, its column, its place.
 #[must_use]
-pub fn unfollowed(of: &Hypothesis, floors: &[f64]) -> Option<Unlisted> {
+pub fn unfollowed(of: &FittedModel, floors: &[f64]) -> Option<Unlisted> {
     let worst = |c: usize| {
         let residual: Vec<f64> = of.residuals[c].iter().flatten().copied().collect();
         let rms = libm::sqrt(residual.iter().map(|x| x * x).sum::<f64>() / residual.len().max(1) as f64);
@@ -38,7 +38,7 @@ pub fn unfollowed(of: &Hypothesis, floors: &[f64]) -> Option<Unlisted> {
 /// The answer where every recording agrees with the model by itself, but not with the others, and `found` does not bring
 /// them together: they are of different machines.
 #[must_use]
-pub fn no_common_machine(base: &Hypothesis, found: &Hypothesis, floors: &[f64]) -> Option<Unlisted> {
+pub fn no_common_machine(base: &FittedModel, found: &FittedModel, floors: &[f64]) -> Option<Unlisted> {
     let count = found.problem.recordings.len();
     if (0..count).all(|r| is_explained(excess(found, r, floors))) {
         return None;
@@ -49,7 +49,7 @@ pub fn no_common_machine(base: &Hypothesis, found: &Hypothesis, floors: &[f64]) 
 }
 
 /// Says so if every recording agrees with the model by itself, but not with the others.
-pub(super) fn disagreement(of: &Hypothesis, floors: &[f64]) -> Option<String> {
+pub(super) fn disagreement(of: &FittedModel, floors: &[f64]) -> Option<String> {
     let count = of.problem.recordings.len();
     if count < 2 || of.point.parameters.is_empty() {
         return None;
@@ -62,7 +62,7 @@ pub(super) fn disagreement(of: &Hypothesis, floors: &[f64]) -> Option<String> {
     }
     // The first that is not explained even by itself ends the search: physics is missing there, not a parameter.
     let explained = |r: usize| alone(of, r, &noise, floors).filter(|a| is_explained(excess(a, 0, floors)));
-    let alone: Vec<Hypothesis> = (0..count).map(explained).collect::<Option<_>>()?;
+    let alone: Vec<FittedModel> = (0..count).map(explained).collect::<Option<_>>()?;
     if !alone.iter().zip(&together).any(|(a, before)| disagrees(*before, excess(a, 0, floors))) {
         return None;
     }
@@ -82,21 +82,21 @@ pub(super) fn disagreement(of: &Hypothesis, floors: &[f64]) -> Option<String> {
 }
 
 /// The same rig fitted to one recording only.
-fn alone(of: &Hypothesis, recording: usize, noise: &[Colour], floors: &[f64]) -> Option<Hypothesis> {
+fn alone(of: &FittedModel, recording: usize, noise: &[Colour], floors: &[f64]) -> Option<FittedModel> {
     let problem = Problem::new(of.rig.clone(), vec![of.problem.recordings[recording].clone()]);
     let mine = of.problem.windows.iter().zip(&of.point.states).filter(|((r, _), _)| *r == recording);
     let start = Point { parameters: problem.vector(), states: mine.map(|(_, state)| state.clone()).collect() };
-    Hypothesis::fitted(problem, start, noise, floors, Limits { iterations: 10, tolerance: 1e-4 })
+    FittedModel::fitted(problem, start, noise, floors, Limits { iterations: 10, tolerance: 1e-4 })
 }
 
 /// Residual of one recording over its sample-to-sample noise, the worst channel.
-fn excess(of: &Hypothesis, recording: usize, floors: &[f64]) -> f64 {
+fn excess(of: &FittedModel, recording: usize, floors: &[f64]) -> f64 {
     let channels = (0..of.rig.sensors.len()).filter(|c| floors[*c].is_finite());
     channels.map(|c| over_noise(of, recording, c, floors)).fold(0.0, f64::max)
 }
 
 /// Residual of one channel of a recording over its sample-to-sample noise.
-fn over_noise(of: &Hypothesis, recording: usize, c: usize, floors: &[f64]) -> f64 {
+fn over_noise(of: &FittedModel, recording: usize, c: usize, floors: &[f64]) -> f64 {
     let windows = (0..of.problem.windows.len()).filter(|w| of.problem.windows[*w].0 == recording);
     let samples = &of.problem.recordings[recording].measured[c];
     let bends: Vec<f64> = samples.windows(3).map(|y| y[0] - 2.0 * y[1] + y[2]).collect();
@@ -108,8 +108,8 @@ fn over_noise(of: &Hypothesis, recording: usize, c: usize, floors: &[f64]) -> f6
 
 #[cfg(test)]
 mod tests {
+    use crate::diagnose::input_checks::tests::{FREE, recorded, rig, warnings};
     use crate::diagnose::pipeline::{Options, diagnose};
-    use crate::diagnose::suspicion::tests::{FREE, recorded, rig, warnings};
     use crate::identify::experiment::Experiment;
 
     #[test]

@@ -5,18 +5,18 @@
 //! base is fitted to what was before and to what is after, each with numbers of its own.
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::exchange::is_clear;
 use crate::diagnose::judge::nameless::change_is_ahead;
 use crate::diagnose::judge::numbers::CHANGED;
 use crate::diagnose::judge::verdict::{Estimate, Place};
 use crate::diagnose::likelihood::{Residuals, blocks, colours, is_misfit, white};
-use crate::diagnose::linearise::tangents;
+use crate::diagnose::linearise::ltv_windows;
+use crate::diagnose::ltv::LtvWindow;
 use crate::diagnose::scan::change;
-use crate::diagnose::screen::Screen;
+use crate::diagnose::score_test::ScoreTest;
 use crate::diagnose::tables::estimates;
-use crate::diagnose::tangent::Tangent;
 use crate::identify::fit::{FreeRuns, Limits, Point, Series};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
@@ -29,31 +29,31 @@ const MOST: u64 = 50_000_000;
 const STEPS: [f64; 3] = [0.05, 0.02, 0.01];
 
 /// The base with other numbers before and after an instant of one recording; the other recordings are as before.
-pub struct Changed {
+pub struct ChangePoint {
     /// Of the problem's recordings.
     pub recording: usize,
     /// From when on the machine is another one, s.
     pub from_s: f64,
     to_s: f64,
     /// Fitted to what was before, other recordings included.
-    pub before: Hypothesis,
+    pub before: FittedModel,
     /// Fitted to what is after.
-    pub after: Hypothesis,
+    pub after: FittedModel,
     noise: Vec<Colour>,
     likelihood: f64,
 }
 
-impl Changed {
+impl ChangePoint {
     /// The two fits at the instant that the linear test prefers. `None` if a run fails.
     #[must_use]
-    pub fn fitted(base: &Hypothesis, context: &Context) -> Option<Self> {
-        let (recording, from_s) = proposed(base, &tangents(base)?)?;
+    pub fn fitted(base: &FittedModel, context: &Context) -> Option<Self> {
+        let (recording, from_s) = proposed(base, &ltv_windows(base)?)?;
         Self::at(base, (recording, from_s), context)
     }
 
     /// The same at an instant nearby that is more likely: what changes by a third is not linear.
     #[must_use]
-    pub fn nearby(self, base: &Hypothesis, context: &Context) -> Self {
+    pub fn nearby(self, base: &FittedModel, context: &Context) -> Self {
         let times = &base.problem.recordings[self.recording].times;
         let length_s = times.last().zip(times.first()).map_or(0.0, |(to, from)| to - from);
         let noise = self.noise.clone();
@@ -72,7 +72,7 @@ impl Changed {
         best
     }
 
-    fn at(base: &Hypothesis, (recording, from_s): (usize, f64), context: &Context) -> Option<Self> {
+    fn at(base: &FittedModel, (recording, from_s): (usize, f64), context: &Context) -> Option<Self> {
         let to_s = base.problem.spans.iter().zip(&base.problem.windows).rfind(|(_, w)| w.0 == recording)?.0.end;
         let to_s = base.problem.recordings[recording].times[to_s - 1];
         let (split, point, row) = split(&base.problem, &base.point, recording, from_s)?;
@@ -87,7 +87,7 @@ impl Changed {
             let start = Point { parameters: point.parameters.clone(), states };
             let (floors, limits) = (&context.floors, Limits { iterations: 15, tolerance: 1e-5 });
             let problem = split.on_windows(kept).with_allowance(MOST);
-            let first = Hypothesis::fitted(problem, start, &noise, floors, limits)?;
+            let first = FittedModel::fitted(problem, start, &noise, floors, limits)?;
             Some(first.polished(&first.noise, floors, limits).unwrap_or(first))
         };
         let (before, after) = rayon::join(|| fit(&before), || fit(&after));
@@ -100,13 +100,13 @@ impl Changed {
 
     /// How far it is ahead of another model, in twice the log-likelihood under the noise that it leaves.
     #[must_use]
-    pub fn ahead_of(&self, other: &Hypothesis) -> f64 {
+    pub fn ahead_of(&self, other: &FittedModel) -> f64 {
         self.likelihood - other.blocks(&self.noise).iter().sum::<f64>()
     }
 
     /// True if it leaves but noise and is clearly ahead of `found`, its numbers paid for.
     #[must_use]
-    pub fn says_more_than(&self, found: &Hypothesis, base: &Hypothesis, context: &Context) -> bool {
+    pub fn says_more_than(&self, found: &FittedModel, base: &FittedModel, context: &Context) -> bool {
         if is_misfit(&together(&self.before, &self.after), &context.floors) || self.numbers().is_empty() {
             return false;
         }
@@ -145,10 +145,10 @@ impl Changed {
 }
 
 /// Recording and instant that the linear test prefers.
-fn proposed(base: &Hypothesis, windows: &[Tangent]) -> Option<(usize, f64)> {
+fn proposed(base: &FittedModel, windows: &[LtvWindow]) -> Option<(usize, f64)> {
     let one = |w: usize| base.problem.run(w, &base.point.parameters, &base.point.states[w], true);
     let runs: Vec<Vec<Series>> = (0..windows.len()).into_par_iter().map(one).collect::<Option<_>>()?;
-    let screen = Screen::new(&base.problem, &base.point, &base.noise)?;
+    let screen = ScoreTest::new(&base.problem, &base.point, &base.noise)?;
     Some(change(&screen, windows, &runs, base.point.parameters.len())?.at)
 }
 
@@ -178,7 +178,7 @@ fn split(problem: &Problem, at: &Point, recording: usize, from_s: f64) -> Option
 const LEAST: usize = 10;
 
 /// The residuals of two parts, one after the other.
-fn together(a: &Hypothesis, b: &Hypothesis) -> Residuals {
+fn together(a: &FittedModel, b: &FittedModel) -> Residuals {
     a.residuals.iter().zip(&b.residuals).map(|(a, b)| a.iter().chain(b).cloned().collect()).collect()
 }
 
@@ -221,17 +221,17 @@ mod tests {
         [first[..row].to_vec(), second].concat()
     }
 
-    fn fitted(measured: &[f64], effects: &str) -> (Hypothesis, Context) {
+    fn fitted(measured: &[f64], effects: &str) -> (FittedModel, Context) {
         let problem = Problem::shaken(&pendulum(0.011, 0.38, effects), None, measured.to_vec());
         let context = Context { floors: vec![1e-5], samples: 200, given: 0, is_trapped: false, seed: 1 };
         let (start, limits) = (problem.start(), Limits { iterations: 30, tolerance: 1e-8 });
-        (Hypothesis::fitted(problem, start, &[Colour::white(0.001)], &context.floors, limits).unwrap(), context)
+        (FittedModel::fitted(problem, start, &[Colour::white(0.001)], &context.floors, limits).unwrap(), context)
     }
 
     #[test]
     fn a_load_picked_up_is_found_with_its_instant_and_what_it_changes() {
         let (base, context) = fitted(&recorded(1.3, 0.0), "");
-        let changed = Changed::fitted(&base, &context).unwrap().nearby(&base, &context);
+        let changed = ChangePoint::fitted(&base, &context).unwrap().nearby(&base, &context);
         assert!((changed.from_s - AT_S).abs() < 0.05, "{}", changed.from_s);
         assert!(changed.says_more_than(&base, &base, &context));
         for (name, before, after) in changed.numbers() {
@@ -243,7 +243,7 @@ mod tests {
     #[test]
     fn a_machine_that_stays_the_same_is_not_another_one() {
         let (base, context) = fitted(&recorded(1.0, 0.0), "");
-        assert!(!Changed::fitted(&base, &context).unwrap().says_more_than(&base, &base, &context));
+        assert!(!ChangePoint::fitted(&base, &context).unwrap().says_more_than(&base, &base, &context));
     }
 
     #[test]
@@ -254,6 +254,6 @@ mod tests {
             fitted(&measured, &format!("{PUSH}{{ value = 0.015, min = -1.0, max = 1.0 }}\ntime = 1.0\n")),
         );
         assert!(found.likelihood - base.likelihood > 100.0);
-        assert!(!Changed::fitted(&base, &context).unwrap().says_more_than(&found, &base, &context));
+        assert!(!ChangePoint::fitted(&base, &context).unwrap().says_more_than(&found, &base, &context));
     }
 }

@@ -4,7 +4,7 @@
 
 use crate::base::spectrum::hann_energy;
 use crate::diagnose::likelihood::Residuals;
-use crate::diagnose::tangent::Tangent;
+use crate::diagnose::ltv::LtvWindow;
 use rayon::prelude::*;
 
 /// Lowest frequency, Hz: slower modes are motions of the mechanism.
@@ -30,10 +30,10 @@ const MOST_LINES: usize = 3;
 
 /// Where narrow lines stand out of the spectrum of the residuals of any one channel, Hz, strongest first: something rings.
 #[must_use]
-pub fn peaks_hz(residuals: &Residuals, windows: &[Tangent]) -> Vec<f64> {
+pub fn peaks_hz(residuals: &Residuals, windows: &[LtvWindow]) -> Vec<f64> {
     let Some(step_s) = windows.first().filter(|w| w.rows() > 2).map(|w| w.t_s[1] - w.t_s[0]) else { return Vec::new() };
     // Twice the longest window: a line between two bins is a line.
-    let length = 2 * windows.iter().map(Tangent::rows).max().unwrap_or(0);
+    let length = 2 * windows.iter().map(LtvWindow::rows).max().unwrap_or(0);
     let bin_hz = 1.0 / (length as f64 * step_s);
     let (first, last) = (libm::ceil(LOWEST_HZ / bin_hz) as usize, (highest_hz(step_s) / bin_hz) as usize);
     let of_channel = |runs: &Vec<Vec<f64>>| -> Vec<(f64, f64)> {
@@ -65,7 +65,7 @@ fn stands_out(spectrum: &[f64], k: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::tangent::tests::mass;
+    use crate::diagnose::ltv::tests::mass;
 
     #[test]
     fn a_line_is_found_in_noise_and_noise_has_none() {

@@ -3,8 +3,8 @@
 //!
 //! RT: no.
 
-use crate::diagnose::disagreement::disagreement;
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::pooling_test::disagreement;
 use crate::diagnose::tables::estimates;
 use crate::identify::experiment::Recording;
 use crate::identify::fit::FreeRuns;
@@ -15,7 +15,7 @@ use crate::report::table::number;
 
 /// Warnings that go with a base fit: what, where, remedy.
 #[must_use]
-pub fn suspicions(of: &Hypothesis, floors: &[f64]) -> Vec<String> {
+pub fn suspicions(of: &FittedModel, floors: &[f64]) -> Vec<String> {
     let mut out = unstable(of);
     out.extend(disagreement(of, floors));
     out
@@ -28,7 +28,7 @@ const LOST: f64 = 3e3;
 const ENOUGH: f64 = 30.0;
 
 /// One line per recording whose windows are too long for an unstable or chaotic motion; one linearisation.
-fn unstable(of: &Hypothesis) -> Vec<String> {
+fn unstable(of: &FittedModel) -> Vec<String> {
     let mut out = Vec::new();
     for (r, recording) in of.problem.recordings.iter().enumerate() {
         let windows = of.problem.windows.iter().enumerate().filter(|(_, (of, _))| *of == r);
@@ -46,7 +46,7 @@ fn unstable(of: &Hypothesis) -> Vec<String> {
 }
 
 /// Largest growth of an initial coordinate within a window, and the time after which it is [`ENOUGH`].
-fn growth(of: &Hypothesis, flat: usize, window: usize, recording: &Recording) -> Option<(f64, f64)> {
+fn growth(of: &FittedModel, flat: usize, window: usize, recording: &Recording) -> Option<(f64, f64)> {
     let channels = of.problem.run(flat, &of.point.parameters, &of.point.states[flat], true)?;
     let rows = recording.windows()[window].clone();
     let (first, count) = (of.point.parameters.len(), of.problem.degrees());
@@ -66,7 +66,7 @@ fn growth(of: &Hypothesis, flat: usize, window: usize, recording: &Recording) ->
 
 /// One line per number of `given` that the data pull to a bound. Zero is where nature ends, no bound of a person.
 #[must_use]
-pub fn at_bounds(of: &Hypothesis, given: &Rig) -> Vec<String> {
+pub fn at_bounds(of: &FittedModel, given: &Rig) -> Vec<String> {
     let own = Theta::of(given);
     let line = |(name, fitted): (String, Estimate)| {
         let bounds = own.entries[own.index_of(&name)?].bounds;

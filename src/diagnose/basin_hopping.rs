@@ -7,10 +7,10 @@
 //! each number is moved both ways as far as the misfit is large, the others following as the linear model has it.
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::candidate_fit::MOST_EFFORT;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::likelihood::squares;
-use crate::diagnose::tried::MOST_EFFORT;
 use crate::identify::fit::{Bound, FreeRuns, Limits, Point, cost, fit, present};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
@@ -39,7 +39,7 @@ const LAST: Limits = Limits { iterations: 10, tolerance: 1e-6 };
 
 /// `now` fitted again from the best place within reach. `None` where the valley is no such one, or nothing is better.
 #[must_use]
-pub fn wandered(now: &Hypothesis, context: &Context) -> Option<Hypothesis> {
+pub fn escape_local_minimum(now: &FittedModel, context: &Context) -> Option<FittedModel> {
     let noise = squares(&now.residuals, &context.floors);
     let size = now.point.parameters.len() + now.point.states.iter().map(Vec::len).sum::<usize>();
     if size > MOST_NUMBERS {
@@ -68,7 +68,7 @@ pub fn wandered(now: &Hypothesis, context: &Context) -> Option<Hypothesis> {
     if least >= first {
         return None;
     }
-    Hypothesis::fitted(now.problem.clone(), best, &noise, &context.floors, LAST)
+    FittedModel::fitted(now.problem.clone(), best, &noise, &context.floors, LAST)
 }
 
 /// The best of the fits from places around `at`, where the misfit is `least`.
@@ -190,10 +190,10 @@ mod tests {
             let noise = [Colour::white(0.1)];
             let limits = Limits { iterations: 25, tolerance: 1e-7 };
             let start = Point { states: vec![vec![0.9, 0.0]], ..problem.start() };
-            let fitted = Hypothesis::fitted(problem, start, &noise, &context.floors, limits).unwrap();
-            let found = wandered(&fitted, &context);
-            let friction = |h: &Hypothesis| h.rig.effects[1].values[0].value;
-            let rms = |h: &Hypothesis| (h.residuals[0][0].iter().map(|x| x * x).sum::<f64>() / 1500.0).sqrt();
+            let fitted = FittedModel::fitted(problem, start, &noise, &context.floors, limits).unwrap();
+            let found = escape_local_minimum(&fitted, &context);
+            let friction = |h: &FittedModel| h.rig.effects[1].values[0].value;
+            let rms = |h: &FittedModel| (h.residuals[0][0].iter().map(|x| x * x).sum::<f64>() / 1500.0).sqrt();
             println!("{coulomb}: fit {:.5} {:.4}", friction(&fitted), rms(&fitted));
             let end = found.as_ref().unwrap_or(&fitted);
             println!("    wandered {:.5} {:.4}", friction(end), rms(end));

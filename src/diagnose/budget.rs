@@ -2,10 +2,10 @@
 //!
 //! RT: no.
 
-use crate::diagnose::hypothesis::Hypothesis;
+use crate::diagnose::candidate_fit::MOST_EFFORT;
+use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::accept::has_slack_spring;
 use crate::diagnose::judge::criterion::Context;
-use crate::diagnose::tried::MOST_EFFORT;
 use crate::identify::fit::{Limits, Point, fit};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
@@ -23,7 +23,7 @@ const SHARE: u64 = 8;
 
 /// What a candidate's fit on the windows of `base` may cost.
 #[must_use]
-pub(super) fn allowance(base: &Hypothesis) -> u64 {
+pub(super) fn allowance(base: &FittedModel) -> u64 {
     let linearisation = base.cost_of_linearisation();
     let share = MOST_EFFORT.saturating_sub(base.problem.effort.spent()) / SHARE;
     share.clamp(LEAST_LINEARISATIONS * linearisation, LINEARISATIONS * linearisation)
@@ -33,26 +33,26 @@ pub(super) fn allowance(base: &Hypothesis) -> u64 {
 #[must_use]
 pub(super) fn within(
     most: u64,
-    base: &Hypothesis,
+    base: &FittedModel,
     problem: Problem,
     point: Point,
     (noise, limits): (&[Colour], Limits),
     context: &Context,
-) -> Option<Hypothesis> {
+) -> Option<FittedModel> {
     let limited = problem.clone().with_allowance(most);
     let fit = fit(&limited, point, &problem.bounds(), noise, limits);
     // How far the windows were when they gave up is chance; the effort that is told is not.
     base.problem.effort.add(limited.effort.spent().min(limited.effort.patience()));
     let problem = Problem { effort: Arc::clone(&base.problem.effort), ..problem };
     let hypothesis =
-        fit.cost.is_finite().then(|| Hypothesis::at(problem, fit.point, fit.information, &context.floors))?;
+        fit.cost.is_finite().then(|| FittedModel::at(problem, fit.point, fit.information, &context.floors))?;
     hypothesis.filter(|h| !has_slack_spring(&h.rig, context.given, h.problem.longest_s()))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::tried::worked::{Shown, shown};
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
 
     const FREE_LAG: &str =
         "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = { value = 0.002, min = 0.0, max = 0.2 }\n";
@@ -70,7 +70,7 @@ mod tests {
             let out = within(most, &start, start.problem.clone(), from, (&noise, limits), &context);
             (out, start.problem.effort.spent() - before)
         };
-        let lag = |h: &Hypothesis| h.rig.effects[context.given].values[0].value;
+        let lag = |h: &FittedModel| h.rig.effects[context.given].values[0].value;
         let (whole, cost) = fit(allowance(&start));
         assert!((lag(&whole.unwrap()) / 0.02 - 1.0).abs() < 0.05);
         let (cut, less) = fit(start.cost_of_linearisation() / 2);
