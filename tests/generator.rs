@@ -1,5 +1,4 @@
 //! The generator of concealed cases against the model of the program: two derivations, compared by files alone.
-#![expect(clippy::unwrap_used, reason = "a test")]
 
 use compass::identify::experiment::Experiment;
 use compass::identify::rollout::{Pooled, free_run};

@@ -1,7 +1,8 @@
 //! Who may use the bus when, and whether it all fits. RT: before arming only.
 //!
-//! A round is as many SYNCs as the largest divisor. Slow drives answer in phase 0; their commands are spread over the
-//! other phases; set-up frames keep out of phase 0; our heartbeat goes out in the last phase.
+//! A round is as many SYNCs as the largest divisor. Slow drives answer in phase 0. The commands of both toes of a leg go out
+//! in one phase, so that they take effect at the same SYNC: one toe that goes ahead would carry the leg alone. Set-up frames
+//! keep out of these phases and of phase 0; our heartbeat goes out in the last phase.
 #![expect(clippy::disallowed_types, reason = "before arming")]
 
 use super::line::LineError;
@@ -30,16 +31,19 @@ impl Plan {
         let on_bus = || robot.drives.iter().enumerate().filter(move |(_, d)| d.bus == bus);
         let largest = on_bus().map(|(_, d)| d.sync_divisor).max().unwrap_or(1).max(1);
         let mut slots = [None; DRIVES];
-        let mut next_command = 0;
+        let mut pairs = Pairs::default();
         for (index, config) in on_bus() {
             let divisor = config.sync_divisor;
             if divisor != 1 && divisor != largest {
                 return Err(LineError::Divisor { drive: index, divisor, largest });
             }
             let divisor = u32::from(divisor);
-            // Slow commands take phases 1, 2, ... and come back to 1 when the round is short.
-            let command = if divisor == 1 { 0 } else { 1 + next_command % (divisor - 1) };
-            next_command += u32::from(divisor != 1);
+            // Phase 1 is for NMT start, phases 2, 3, ... for a leg each, as far as the round has them.
+            let command = match divisor {
+                1 => 0,
+                2 => 1,
+                _ => 2 + pairs.number(index) % (divisor - 2),
+            };
             // A drive that counts from its start command answers at the divisor-th SYNC: start in phase 1.
             let start = 1 % divisor;
             if let Some(slot) = slots.get_mut(index) {
@@ -53,6 +57,14 @@ impl Plan {
     /// When the drive with this index is served, if it is on this bus.
     pub(super) fn slot(&self, index: usize) -> Option<Slot> {
         self.slots.get(index).copied().flatten()
+    }
+
+    /// Whether a frame of the set-up may go out in this phase: not with the answers of the slow drives, nor with the
+    /// commands of two of them, unless the round is too short for anything else.
+    pub(super) fn allows_setup(&self, phase: u32) -> bool {
+        let slow = |slot: &&Slot| slot.divisor > 1 && slot.command == phase;
+        let commands = self.slots.iter().flatten().filter(slow).count();
+        self.round == 1 || (phase != 0 && (self.round == 2 || commands < 2))
     }
 
     /// Worst case of each phase of the round: every frame that may fall into it, all with the most stuffing.
@@ -70,7 +82,7 @@ impl Plan {
         let eight = FrameKind::classic(8);
         let mut sum = 0.0;
         // A question of the set-up and its answer; every protocol has them of this length or shorter.
-        if self.round == 1 || phase != 0 {
+        if self.allows_setup(phase) {
             sum += 2.0 * time(eight);
         }
         if self.canopen {
@@ -98,6 +110,21 @@ impl Plan {
             }
         }
         sum
+    }
+}
+
+/// Numbers the legs, and the hip, in the order in which their slow drives come.
+#[derive(Default)]
+struct Pairs(Vec<usize>);
+
+impl Pairs {
+    fn number(&mut self, drive: usize) -> u32 {
+        let pair = drive.div_ceil(2);
+        let at = self.0.iter().position(|p| *p == pair).unwrap_or_else(|| {
+            self.0.push(pair);
+            self.0.len() - 1
+        });
+        u32::try_from(at).unwrap_or(0)
     }
 }
 

@@ -119,7 +119,7 @@ mod tests {
             let garbled: Vec<u8> = request.iter().map(|byte| byte & 0xF0 | 0x0E).collect();
             let bytes = if self.right { request } else { &garbled };
             self.device.hear(self.now, bytes, &Reading::default());
-            self.now = self.now + crate::base::time::Span(i64::try_from(patience.as_nanos()).unwrap());
+            self.now += crate::base::time::Span(i64::try_from(patience.as_nanos()).unwrap());
             self.device.take(self.now, &mut heard);
             if self.right { heard } else { vec![0x80, 0x78, 0xFE, 0x00] }
         }

@@ -1,5 +1,7 @@
 //! `compass inspect`: what is in a recording. RT: no.
 
+mod page;
+
 use super::{Outcome, Run};
 use crate::base::spectrum::band_rms;
 use crate::base::time::Stamp;
@@ -17,6 +19,7 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "\
 Examples:
   compass inspect compass-2026-11-20T23-41-24Z.mcap
+  compass inspect REC --page run.html          the robot in motion, its angles, torque and toes, in the browser
   compass inspect REC --band 8,13 --from 2     how much the hip shakes between 8 and 13 Hz while armed
   compass inspect REC --config > robot.toml    the recorded configuration, usable as --config
 
@@ -28,6 +31,9 @@ pub(crate) struct Args {
     /// Prints the configuration it was made with, nothing else
     #[arg(long)]
     config: bool,
+    /// Draws the recorded run into this page: animation, legs, torque, toes, speed of each step
+    #[arg(long, value_name = "FILE")]
+    page: Option<PathBuf>,
     /// Prints how strong the hip's signals are between two frequencies in Hz while armed, nothing else
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_band)]
     band: Option<Band>,
@@ -43,6 +49,11 @@ impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
         if let Some(band) = self.band {
             write_band(&mut io::stdout().lock(), &self.recording, band, self.from)?;
+            return Ok(Outcome::Fine);
+        }
+        if let Some(file) = &self.page {
+            page::write(&self.recording, file)?;
+            writeln!(io::stdout(), "{}", file.display())?;
             return Ok(Outcome::Fine);
         }
         let found = inspect(&self.recording)?;

@@ -34,6 +34,7 @@ use view::View;
 Examples:
   compass run                                          the simulated robot balances until Ctrl-C
   compass run --for 30s --record log                   and is recorded
+  compass run --controller walk --set sim.on_blocks=false         it walks, on the ground
   compass run --record /var/lib/compass --keep 100GB   the oldest recordings go when the folder is full
   compass run --config /etc/compass                    a robot's own configuration
   compass run --config /etc/compass --record log       real buses, IMU and dead-man switch are named there
@@ -45,10 +46,10 @@ Exit codes: 0 fine (letting the switch go is), 1 a fall or a fault, 2 configurat
 pub(crate) struct Args {
     #[command(flatten)]
     config: ConfigArgs,
-    /// Ends by itself after this time, such as 30s, 10m, 1h; without it on Ctrl-C or SIGTERM
+    /// Ends by itself after this time, such as 30 (seconds), 10m, 1h; without it on Ctrl-C or SIGTERM
     #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     run_for: Option<Duration>,
-    /// Controller: idle, hold or balance
+    /// Controller: idle, hold, balance; walking: walk, virtual_constraint, transverse; one planned step: tvlqr
     #[arg(long, value_name = "NAME")]
     controller: Option<String>,
     /// Records everything into this folder; the ticks around a fault go to its folder `flight`
@@ -65,17 +66,17 @@ pub(crate) struct Args {
     name: Option<String>,
 }
 
-/// A number with a unit: ms, s, m, h.
+/// A number with a unit: ms, s, m, h; seconds without one.
 pub(super) fn duration(text: &str) -> Result<Duration, String> {
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let seconds_per_unit = match &text[digits.len()..] {
         "ms" => 1e-3,
-        "s" => 1.0,
+        "" | "s" => 1.0,
         "m" | "min" => 60.0,
         "h" => 3600.0,
-        _ => return Err("must be a number with ms, s, m or h, such as 30s".into()),
+        _ => return Err("must be a number of seconds, or one with ms, s, m or h, such as 10m".into()),
     };
-    let number: f64 = digits.parse().map_err(|_| "must begin with a number, such as 30s".to_owned())?;
+    let number: f64 = digits.trim().parse().map_err(|_| "must begin with a number, such as 30s".to_owned())?;
     Duration::try_from_secs_f64(number * seconds_per_unit).map_err(|_| "must be 0 or more and below an age".into())
 }
 

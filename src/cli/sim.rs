@@ -3,6 +3,7 @@
 use super::config_args::ConfigArgs;
 use super::faults;
 use super::progress;
+use super::run::duration;
 use super::{Outcome, Run};
 use crate::base::time::Span;
 use crate::config::Resolved;
@@ -28,7 +29,8 @@ const RECORDER_PAUSE: Duration = Duration::from_millis(2);
 #[command(after_help = "\
 Examples:
   compass sim                        10 s of balance from 2 degrees of tilt
-  compass sim --for 600              ten minutes, in a few seconds
+  compass sim --for 10m              ten minutes, in a few seconds
+  compass sim --set control.controller=walk --set sim.on_blocks=false --for 60      it walks
   compass sim --for 30 --record recordings/
   compass sim --set control.observer_epsilon_s=0.02 --set control.lqr_r=0.01    thesis 4.4: it rings at 10 Hz
   compass sim --fault bus_off@3s:bus=1,for=200ms --fault imu_stall@6s
@@ -40,8 +42,8 @@ Exit codes: 0 stands at the end, 1 fell or faulted, 2 usage or configuration.")]
 pub(crate) struct Args {
     #[command(flatten)]
     config: ConfigArgs,
-    /// Simulated time, such as 10, 30s or 10min
-    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = parse_seconds)]
+    /// Simulated time, such as 10 (seconds), 500ms or 10m
+    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = seconds)]
     length_s: f64,
     /// Seed of all noise, instead of the configured one
     #[arg(long)]
@@ -135,17 +137,10 @@ fn print(s: &Summary, length_s: f64, took: Duration, digest: u64) -> io::Result<
     writeln!(out, "digest     {digest:016x}")
 }
 
-/// Seconds, with or without a unit.
-fn parse_seconds(text: &str) -> Result<f64, String> {
-    let (number, factor) = match text {
-        _ if text.ends_with("min") => (text.trim_end_matches("min"), 60.0),
-        _ if text.ends_with('s') => (text.trim_end_matches('s'), 1.0),
-        _ => (text, 1.0),
-    };
-    match number.trim().parse::<f64>() {
-        Ok(value) if value > 0.0 && value.is_finite() => Ok(value * factor),
-        _ => Err("must be a time above 0, such as 10, 30s or 10min".to_owned()),
-    }
+/// A time above 0.
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = duration(text)?.as_secs_f64();
+    if seconds > 0.0 { Ok(seconds) } else { Err("must be above 0".to_owned()) }
 }
 
 #[cfg(test)]
@@ -154,11 +149,11 @@ mod tests {
 
     #[test]
     fn times_are_understood_with_and_without_unit() {
-        for (text, seconds) in [("10", 10.0), ("30s", 30.0), ("1.5 s", 1.5), ("10min", 600.0)] {
-            assert!((parse_seconds(text).unwrap() - seconds).abs() < 1e-12);
+        for (text, wanted_s) in [("10", 10.0), ("30s", 30.0), ("1.5 s", 1.5), ("10min", 600.0)] {
+            assert!((seconds(text).unwrap() - wanted_s).abs() < 1e-12);
         }
         for text in ["", "0", "-3", "soon", "inf"] {
-            assert!(parse_seconds(text).is_err(), "{text}");
+            assert!(seconds(text).is_err(), "{text}");
         }
     }
 }

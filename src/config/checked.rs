@@ -443,10 +443,12 @@ pub struct Control {
 }
 
 /// What `walk` is asked for.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Walk {
     /// Speed, m/s.
     pub speed_m_s: f64,
+    /// `[time since arming, speed]`, s and m/s, in rising order: this speed from then on.
+    pub speeds: Vec<[f64; 2]>,
     /// It begins so long after arming, s.
     pub start_s: f64,
     /// It stops so long after arming, s.
@@ -460,9 +462,13 @@ pub struct Walk {
 pub struct FootPlacement {
     /// Speed that the other numbers hold for, m/s.
     pub speed_m_s: f64,
+    /// To walk so fast this speed is aimed at, m/s.
+    pub aimed_m_s: f64,
+    /// And so much more for each m/s more.
+    pub aimed_per_speed: f64,
     /// Swing angle at touchdown in steady walking, rad.
     pub angle_rad: f64,
-    /// What it grows by with the speed, rad per m/s.
+    /// What it grows by with the speed that is aimed at, rad per m/s.
     pub angle_per_speed_s_m: f64,
     /// Smallest swing angle, rad.
     pub least_angle_rad: f64,
@@ -482,6 +488,14 @@ pub struct FootPlacement {
     pub first_angle_rad: f64,
     /// The swing leg arrives so long before the touchdown, s.
     pub lead_s: f64,
+    /// Longest swing, s.
+    pub longest_swing_s: f64,
+    /// Squared passing rate below which the swing leg reaches farther ahead until the vertical is passed, rad²/s².
+    pub slow_energy: f64,
+    /// By so much, rad per rad²/s².
+    pub reach_per_energy: f64,
+    /// At most by so much, rad.
+    pub reach_most_rad: f64,
     /// Shortest swing, s.
     pub shortest_swing_s: f64,
     /// The foothold no longer changes so long before the touchdown, s.
@@ -516,8 +530,6 @@ pub struct FootPlacement {
     pub push_m: f64,
     /// Push that is longer for a speed above `speed_m_s`, m per m/s.
     pub push_per_speed_s: f64,
-    /// What it grows by with the lack of step length, m/rad.
-    pub push_per_angle_m_rad: f64,
     /// Largest push-off, m.
     pub push_most_m: f64,
     /// Push-off of the first step, m.

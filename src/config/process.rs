@@ -165,8 +165,14 @@ fn tvlqr(r: &Reader<'_>) -> Tvlqr {
 
 fn walk(r: &Reader<'_>) -> Walk {
     let time = range(0.0, 1e6, "s");
+    let speed = range(0.0, 2.0, "m/s");
+    let speeds = r.pairs("speeds", time, speed);
+    if !speeds.is_sorted_by(|a, b| a[0] < b[0]) {
+        r.refuse("speeds", "must be in the order of their times");
+    }
     Walk {
-        speed_m_s: r.number("speed_m_s", range(0.0, 2.0, "m/s")),
+        speed_m_s: r.number("speed_m_s", speed),
+        speeds,
         start_s: r.number("start_s", time),
         stop_s: r.optional_number("stop_s", time),
         recover: r.flag("recover"),
@@ -176,6 +182,8 @@ fn walk(r: &Reader<'_>) -> Walk {
 fn foot_placement(r: &Reader<'_>) -> FootPlacement {
     FootPlacement {
         speed_m_s: r.number("speed_m_s", range(0.05, 2.0, "m/s")),
+        aimed_m_s: r.number("aimed_m_s", range(0.05, 2.0, "m/s")),
+        aimed_per_speed: r.number("aimed_per_speed", range(0.0, 10.0, "1")),
         angle_rad: r.number("angle_rad", range(0.02, 0.5, "rad")),
         angle_per_speed_s_m: r.number("angle_per_speed_s_m", range(0.0, 2.0, "rad s/m")),
         least_angle_rad: r.number("least_angle_rad", range(0.0, 0.5, "rad")),
@@ -187,6 +195,10 @@ fn foot_placement(r: &Reader<'_>) -> FootPlacement {
         first_swing_s: r.number("first_swing_s", range(0.05, 2.0, "s")),
         first_angle_rad: r.number("first_angle_rad", range(0.0, 0.5, "rad")),
         lead_s: r.number("lead_s", range(0.0, 0.5, "s")),
+        longest_swing_s: r.number("longest_swing_s", range(0.05, 2.0, "s")),
+        slow_energy: r.number("slow_energy", range(-1.0, 1.0, "rad^2/s^2")),
+        reach_per_energy: r.number("reach_per_energy", range(0.0, 20.0, "s^2/rad")),
+        reach_most_rad: r.number("reach_most_rad", range(0.0, 0.6, "rad")),
         shortest_swing_s: r.number("shortest_swing_s", range(0.05, 2.0, "s")),
         frozen_s: r.number("frozen_s", range(0.0, 0.5, "s")),
         retraction_rad_s: r.number("retraction_rad_s", range(0.0, 2.0, "rad/s")),
@@ -204,7 +216,6 @@ fn foot_placement(r: &Reader<'_>) -> FootPlacement {
         slope_share: r.number("slope_share", range(0.0, 1.0, "1")),
         push_m: r.number("push_m", range(0.0, 0.2, "m")),
         push_per_speed_s: r.number("push_per_speed_s", range(-0.2, 0.2, "s")),
-        push_per_angle_m_rad: r.number("push_per_angle_m_rad", range(0.0, 2.0, "m/rad")),
         push_most_m: r.number("push_most_m", range(0.0, 0.2, "m")),
         first_push_m: r.number("first_push_m", range(0.0, 0.2, "m")),
         push_rad: r.number("push_rad", range(-0.5, 0.5, "rad")),

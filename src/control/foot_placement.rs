@@ -14,7 +14,7 @@
 
 use super::landing::{Foothold, Landing};
 use super::motor_sign;
-use super::pendulum::{LONGEST_S, time_to};
+use super::pendulum::{LONGEST_S, energy, time_to};
 use super::stance_toe::{StanceToe, by_stance, in_order};
 use super::swing::{Point, quintic, torque};
 use crate::base::time::Stamp;
@@ -46,6 +46,8 @@ struct Step {
     /// ξ² that the next step is expected to begin with, without what is learnt.
     next: f64,
     push_m: f64,
+    /// The swing leg reaches beyond the foothold by so much while the robot is too slow to pass the vertical, rad.
+    reach_rad: f64,
     swing_toe_out: bool,
     is_first: bool,
 }
@@ -94,7 +96,8 @@ impl FootPlacement {
         };
         let since_s = now.since(step.since).as_s();
         self.aim(&mut step, e, since_s, speed_m_s);
-        let end = [step.goal_rad, -self.numbers.retraction_rad_s];
+        self.reach(&mut step, e);
+        let end = [step.goal_rad + step.reach_rad, -self.numbers.retraction_rad_s];
         let path = quintic(step.from, end, step.duration_s, since_s.min(step.duration_s + LONGEST_DRIFT_S));
         let hip_torque_nm = self.track(e, &path, seen.late);
         let toe_position_m = self.toes(&mut step, e, now, since_s);
@@ -126,6 +129,7 @@ impl FootPlacement {
             lands_s: LONGEST_S,
             next: 0.0,
             push_m: 0.0,
+            reach_rad: 0.0,
             swing_toe_out: false,
             is_first,
         }
@@ -146,7 +150,16 @@ impl FootPlacement {
         step.next = self.landing.next_energy(e, step.goal_rad);
         step.lands_s = (since_s + time_to(e, -step.goal_rad)).min(LONGEST_S);
         let duration_s = if step.is_first { n.first_swing_s } else { step.lands_s - n.lead_s };
-        step.duration_s = duration_s.clamp(n.shortest_swing_s, LONGEST_S);
+        step.duration_s = duration_s.clamp(n.shortest_swing_s, n.longest_swing_s.max(n.shortest_swing_s));
+    }
+
+    /// The weight of a leg far ahead helps a slow robot over the vertical.
+    fn reach(&self, step: &mut Step, e: &Estimate) {
+        let n = &self.numbers;
+        let lacks = (n.slow_energy - energy(e)).max(0.0);
+        let is_behind = !step.is_first && e.theta_stance_rad > 0.0;
+        let wanted_rad = if is_behind { (n.reach_per_energy * lacks).min(n.reach_most_rad) } else { 0.0 };
+        step.reach_rad += REACH_SHARE * (wanted_rad - step.reach_rad);
     }
 
     /// Computed torque along the path, + on inner.
@@ -176,6 +189,8 @@ impl FootPlacement {
     }
 }
 
+/// Share of the way by which the reach follows in a tick of 1 ms: 20 ms.
+const REACH_SHARE: f64 = 0.05;
 /// Shortest time of a step, s.
 const SHORTEST_S: f64 = 0.2;
 /// So long after its planned end the swing leg goes on backwards, s.

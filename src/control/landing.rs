@@ -78,20 +78,27 @@ impl Landing {
     /// Swing angle at touchdown in steady walking at a speed, rad.
     pub(super) fn steady_rad(&self, speed_m_s: f64) -> f64 {
         let n = &self.numbers;
-        (n.angle_rad + n.angle_per_speed_s_m * (speed_m_s - n.speed_m_s)).clamp(LEAST_RAD, MOST_RAD)
+        let aimed_m_s = self.aimed_m_s(speed_m_s);
+        (n.angle_rad + n.angle_per_speed_s_m * (aimed_m_s - n.aimed_m_s)).clamp(LEAST_RAD, MOST_RAD)
+    }
+
+    /// Speed to aim at for one that is asked for, m/s: a foothold makes up for a share of an error only, so the robot walks
+    /// slower than aimed at.
+    fn aimed_m_s(&self, speed_m_s: f64) -> f64 {
+        let n = &self.numbers;
+        (n.aimed_m_s + n.aimed_per_speed * (speed_m_s - n.speed_m_s)).max(SLOWEST_M_S)
     }
 
     /// Foothold and push-off for a speed; a speed of zero asks for a foothold that the robot does not pass.
     pub(super) fn aim(&self, e: &Estimate, speed_m_s: f64) -> Foothold {
         let n = &self.numbers;
-        let wanted_rad = self.steady_rad(speed_m_s);
         let stops = speed_m_s <= 0.0;
-        let passing = passing_rad_s(wanted_rad, speed_m_s / self.leg_m);
+        let aimed_m_s = self.aimed_m_s(speed_m_s);
+        let wanted_rad = self.steady_rad(speed_m_s);
+        let passing = passing_rad_s(wanted_rad, aimed_m_s / self.leg_m);
         let wanted = if stops { STOPPING } else { passing * passing };
         let angle_rad = self.foothold(e, wanted, wanted_rad);
-        // A foothold shorter than wanted lacks energy: push more.
-        let steady_m = n.push_m + n.push_per_speed_s * (speed_m_s - n.speed_m_s);
-        let push_m = steady_m + n.push_per_angle_m_rad * (wanted_rad - angle_rad);
+        let push_m = n.push_m + n.push_per_speed_s * (aimed_m_s - n.aimed_m_s);
         Foothold { angle_rad, push_m: if stops { 0.0 } else { push_m.clamp(0.0, n.push_most_m) } }
     }
 
@@ -151,6 +158,8 @@ const LEAST_RAD: f64 = 0.03;
 const MOST_RAD: f64 = 0.4;
 /// Slowest touchdown that is reckoned with, rad/s.
 const LEAST_RATE: f64 = 0.05;
+/// Slowest speed that is aimed at, m/s.
+const SLOWEST_M_S: f64 = 0.1;
 /// Halvings of the foothold's range: .4 rad to .1 mrad.
 const HALVINGS: usize = 12;
 /// ξ² that a step to stop with shall begin with, rad²/s²: short of passing by .07 rad.

@@ -42,6 +42,8 @@ pub(super) struct Walk {
     /// When the legs were last seen to move.
     moved: Stamp,
     recovery: Option<LqrTree>,
+    /// Since when it is to step in.
+    asked: Stamp,
 }
 
 impl Walk {
@@ -53,7 +55,7 @@ impl Walk {
         Ok(Self {
             balance: Balance::new(config)?,
             gait: Gait::new(config)?,
-            schedule: config.control.walk,
+            schedule: config.control.walk.clone(),
             toes: ToeLengths::new(&config.robot.toe),
             motion: Motion::Stand,
             since: Stamp::NEVER,
@@ -66,6 +68,7 @@ impl Walk {
             last: Stamp::NEVER,
             moved: Stamp::NEVER,
             recovery: if config.control.walk.recover { Some(LqrTree::new(config)?) } else { None },
+            asked: Stamp::NEVER,
         })
     }
 
@@ -78,6 +81,7 @@ impl Walk {
         self.since = now;
         self.last = now;
         self.moved = now;
+        self.asked = now;
         self.swing_rad = 0.0;
         self.gait.reset();
     }
@@ -86,14 +90,18 @@ impl Walk {
     fn speed_m_s(&self, armed_s: f64) -> f64 {
         let s = &self.schedule;
         let walks = armed_s >= s.start_s && s.stop_s.is_none_or(|stop| armed_s < stop);
-        if walks { s.speed_m_s } else { 0.0 }
+        let asked_m_s = s.speeds.iter().rev().find(|[from_s, _]| armed_s >= *from_s).map_or(s.speed_m_s, |[_, v]| *v);
+        if walks { asked_m_s } else { 0.0 }
     }
 
     /// Torque and toes, and what it is about.
     pub(super) fn step(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) -> (Wish, ControlState) {
         let speed_m_s = self.speed_m_s(now.since(self.since).as_s());
         self.draw_back(now, speed_m_s);
-        if !self.is_settled(e, speed_m_s) {
+        if speed_m_s <= 0.0 {
+            self.asked = now;
+        }
+        if !self.is_settled(now, e, speed_m_s) {
             self.moved = now;
         }
         self.change(now, e, speed_m_s);
@@ -186,9 +194,11 @@ impl Walk {
     }
 
     /// The swing leg is back and the legs have settled: out of a balance that still recovers, a step would go wrong.
-    fn is_settled(&self, e: &Estimate, speed_m_s: f64) -> bool {
+    /// A robot whose model is wrong sways; the longer it waits, the more of that is taken.
+    fn is_settled(&self, now: Stamp, e: &Estimate, speed_m_s: f64) -> bool {
+        let patience = 1.0 + now.since(self.asked).as_s() / PATIENCE_S;
         let has_settled = |angle_rad: f64, rate_rad_s: f64, [most_rad, most_rad_s]: [f64; 2]| {
-            angle_rad.abs() < most_rad && rate_rad_s.abs() < most_rad_s
+            angle_rad.abs() < patience * most_rad && rate_rad_s.abs() < patience * most_rad_s
         };
         let stance_rad = self.balance.pose(e.stance, self.swing_rad).stance_rad;
         (self.swing_rad - self.goal_rad(speed_m_s)).abs() < f64::EPSILON
@@ -211,6 +221,8 @@ const BACK_RAD_S: f64 = 0.3;
 /// Angle, rad, and rate, rad/s, within which the legs have settled: just above the limit cycle that stiction leaves.
 const SETTLED_STANCE: [f64; 2] = [0.012, 0.04];
 const SETTLED_SWING: [f64; 2] = [0.1, 0.3];
+/// Twice as much is taken after so long, s.
+const PATIENCE_S: f64 = 4.0;
 /// A step begins after the legs have settled for so long.
 const QUIET: Span = Span::from_ms(200);
 /// It rocks from foot to foot for less than this, s (every landing takes a quarter of the energy); then the torque fades.

@@ -63,6 +63,14 @@ wire_enum! {
     }
 }
 
+impl FaultCode {
+    /// A run ends so when all is well: somebody let the switch go, or asked the program to stop.
+    #[must_use]
+    pub const fn is_ordinary_end(self) -> bool {
+        matches!(self, Self::Stopping | Self::DeadManReleased)
+    }
+}
+
 message! {
     /// A fault with its values.
     pub struct Fault {

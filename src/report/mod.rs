@@ -2,10 +2,12 @@
 //!
 //! RT: no.
 
+pub mod animation;
 pub mod experiment;
 pub mod findings;
 pub mod identified;
 pub mod motion;
 pub mod page;
 pub mod plot;
+pub mod recorded;
 pub mod table;

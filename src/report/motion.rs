@@ -1,9 +1,9 @@
 //! A planned motion as a page that stands alone: animation, phase portrait, torque, clearance, ground force. RT: no.
 
+use super::animation::{Pose, figure as animation};
 use super::page::document;
 use super::plot::{Axis, Plot, Tone};
 use super::table::escape;
-use serde_json::json;
 
 /// The leg that stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +37,19 @@ pub struct Instant {
     pub normal_n: f64,
     /// Place of the stance foot, m.
     pub foot_m: [f64; 2],
+}
+
+impl Instant {
+    fn pose(&self, leg_m: f64) -> Pose {
+        let [stance_rad, swing_rad, ..] = self.state;
+        Pose {
+            t_s: self.t_s,
+            inner_stands: self.stance == Stance::Inner,
+            angles_rad: [stance_rad, swing_rad],
+            lengths_m: [leg_m, leg_m - self.drawn_in_m],
+            foot_m: self.foot_m,
+        }
+    }
 }
 
 /// A motion.
@@ -83,7 +96,7 @@ pub fn page(motion: &Motion) -> String {
             "<header><div class=\"top\"><span><b>Compass</b> plan</span></div><h1>{}</h1></header>",
             escape(&motion.title)
         ),
-        animation(motion),
+        animation(&motion.instants.iter().map(|i| i.pose(motion.leg_m)).collect::<Vec<_>>(), motion.periodic),
         "<h2>Phase portrait</h2><p class=\"soft\">Each leg's rate over its angle; dots are touchdowns.</p>".to_owned(),
         portrait(motion),
         "<h2>Torque</h2>".to_owned(),
@@ -168,53 +181,6 @@ fn portrait(motion: &Motion) -> String {
         H / 2.0
     );
     out + "</svg></figure>"
-}
-
-/// The robot in motion: the script only moves lines of a drawing, from numbers that stand in the page.
-fn animation(motion: &Motion) -> String {
-    let l = motion.leg_m;
-    let rows: Vec<_> = motion
-        .instants
-        .iter()
-        .map(|i| {
-            let hip = [i.foot_m[0] - l * libm::sin(i.state[0]), i.foot_m[1] + l * libm::cos(i.state[0])];
-            let swing = l - i.drawn_in_m;
-            let toe = [hip[0] + swing * libm::sin(i.state[1]), hip[1] - swing * libm::cos(i.state[1])];
-            let inner = i.stance == Stance::Inner;
-            let [a, b] = if inner { [i.foot_m, toe] } else { [toe, i.foot_m] };
-            let body = -0.5 * (i.state[0] + i.state[1]);
-            json!([
-                round(i.t_s),
-                round(hip[0]),
-                round(hip[1]),
-                round(a[0]),
-                round(a[1]),
-                round(b[0]),
-                round(b[1]),
-                round(body),
-                u8::from(inner)
-            ])
-        })
-        .collect();
-    let data = json!({"periodic": motion.periodic, "rows": rows}).to_string();
-    format!(
-        "<figure><svg id=\"walk\" class=\"plot\" viewBox=\"0 0 860 360\" role=\"img\" aria-label=\"the robot walks\">\
-         <path id=\"floor\" stroke=\"var(--soft)\" fill=\"none\"/>\
-         <line id=\"outer\" stroke=\"var(--refitted)\" stroke-width=\"6\" stroke-linecap=\"round\"/>\
-         <line id=\"inner\" stroke=\"var(--explained)\" stroke-width=\"6\" stroke-linecap=\"round\"/>\
-         <line id=\"body\" stroke=\"var(--ink)\" stroke-width=\"10\" stroke-linecap=\"round\"/>\
-         <circle id=\"hip\" r=\"8\" fill=\"var(--ink)\"/>\
-         <text id=\"clock\" x=\"16\" y=\"28\" font-size=\"14\" fill=\"var(--soft)\"></text></svg>\
-         <figcaption>Real time; a click halts it. Inner leg <span style=\"color:var(--explained)\">━</span>, outer leg \
-         <span style=\"color:var(--refitted)\">━</span>.</figcaption></figure>\
-         <script type=\"application/json\" id=\"motion\">{data}</script><script>{}</script>",
-        include_str!("motion.js")
-    )
-}
-
-/// Tenths of a millimetre, a millisecond, a tenth of a milliradian: enough for a drawing.
-fn round(x: f64) -> f64 {
-    (x * 1e4).round() / 1e4
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use super::stats::LoopStats;
 use crate::channel::port::{ChannelError, Endpoint, Publisher};
 use crate::channel::ring::Ring;
 use crate::channel::topic;
-use crate::msg::{Fault, FaultCode, TickRecord};
+use crate::msg::{Fault, TickRecord};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::thread;
@@ -93,8 +93,7 @@ impl Relay {
         (self.sinks.each)(record);
         self.observed.stats.observe(record);
         let new_fault = record.status.faults > self.observed.last.status.faults;
-        let ordinary = [FaultCode::Stopping, FaultCode::DeadManReleased];
-        self.observed.faulted |= new_fault && !ordinary.contains(&record.status.first_fault.code);
+        self.observed.faulted |= new_fault && !record.status.first_fault.code.is_ordinary_end();
         if new_fault && self.observed.faults.len() < MOST_FAULTS {
             self.observed.faults.push(record.status.first_fault);
         }

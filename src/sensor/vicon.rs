@@ -108,7 +108,7 @@ mod tests {
         let (number, found) = objects(&block(9, &[seen, item("box", [0.0; 6])]));
         assert_eq!((number, found.len()), (Some(9), 2));
         assert!(found[0].is_called("robot") && !found[0].is_called("rob") && found[0].is_seen());
-        assert_eq!(found[0].position_m, [1.0, -0.25, 1.5]);
+        assert_eq!(found[0].position_m.map(f64::to_bits), [1.0, -0.25, 1.5_f64].map(f64::to_bits));
         assert!(!found[1].is_seen(), "occluded");
     }
 

@@ -105,7 +105,7 @@ struct Stall {
 #[derive(Debug)]
 pub struct Line {
     bus: usize,
-    round: u32,
+    plan: budget::Plan,
     cycle: u32,
     /// Some drive is CANopen.
     canopen: bool,
@@ -151,7 +151,7 @@ impl Line {
         Ok(Self {
             bus,
             canopen: drives.iter().flatten().any(|drive| matches!(drive, Member::Canopen(_))),
-            round: plan.round,
+            plan,
             cycle: 0,
             sync_by_us: real_time.trigger == Trigger::Timer,
             // A bus that dies just after a command shows one period later, at the next; we look once a period.
@@ -204,7 +204,7 @@ impl Line {
             self.probe(now, out);
             return;
         }
-        let phase = self.cycle % self.round;
+        let phase = self.cycle % self.plan.round;
         self.put_setup(now, phase, out);
         self.put_heartbeat(now, phase, out);
         self.put_commands(now, phase, commands, out);
@@ -437,9 +437,9 @@ impl Line {
         direct.filter(|_| !self.canopen).unwrap_or(reset)
     }
 
-    /// One set-up frame, the drives taking turns; not in the phase in which the slow drives answer.
+    /// One set-up frame, the drives taking turns, where the timetable has room.
     fn put_setup(&mut self, now: Stamp, phase: u32, out: &mut FrameBatch) {
-        if self.round > 1 && phase == 0 {
+        if !self.plan.allows_setup(phase) {
             return;
         }
         for k in 0..DRIVES {
@@ -454,7 +454,7 @@ impl Line {
     }
 
     fn put_heartbeat(&mut self, now: Stamp, phase: u32, out: &mut FrameBatch) {
-        if self.canopen && phase + 1 == self.round && now.since(self.heartbeat_sent) >= self.heartbeat_every {
+        if self.canopen && phase + 1 == self.plan.round && now.since(self.heartbeat_sent) >= self.heartbeat_every {
             self.heartbeat_sent = now;
             let frame = Message::Heartbeat(Node::MASTER, NmtState::Operational).emit();
             out.push(BusFrame::ours(now, frame));

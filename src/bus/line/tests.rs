@@ -48,10 +48,10 @@ fn worst_case_of_every_cycle_fits_one_millisecond() {
 fn budget_is_the_sum_of_the_frame_table() {
     let config = config::load(None, &[]).unwrap().config;
     let plan = budget::Plan::new(&config.robot, 0).unwrap();
-    // SYNC, hip command and answer, three heartbeats, emergency; then per phase: two toe answers; a toe command and a
-    // set-up exchange; the same; a set-up exchange and our heartbeat.
+    // SYNC, hip command and answer, three heartbeats, emergency; then per phase: two toe answers; a set-up exchange; two
+    // toe commands; a set-up exchange and our heartbeat.
     let each = 55 + 95 + 135 + 3 * 65 + 135;
-    let expected = [each + 2 * 135, each + 115 + 270, each + 115 + 270, each + 270 + 65];
+    let expected = [each + 2 * 135, each + 270, each + 2 * 115, each + 270 + 65];
     assert_eq!(worst_bits(6, false), 115);
     assert_eq!(plan.worst_case_us(&config.robot, 0), expected.map(f64::from));
 }

@@ -41,12 +41,18 @@ fn write_times(out: &mut impl Write, name: &str, p: &Percentiles) -> io::Result<
     writeln!(out, "{name:<12}p50 {p50:.1}, p90 {p90:.1}, p99 {p99:.1}, p99.9 {p999:.1}, max {max:.1} us")
 }
 
+/// Those beyond the first ones are only counted; that the switch was let go or the program asked to stop is no fault.
 fn write_faults(out: &mut impl Write, count: u32, first: &[Fault]) -> io::Result<()> {
-    if first.is_empty() {
+    let ordinary = first.iter().filter(|fault| fault.code.is_ordinary_end());
+    for Fault { code, stamp, .. } in ordinary.clone() {
+        writeln!(out, "ended       {} at {:.3} s", code.name(), stamp.as_s())?;
+    }
+    let faults = count.saturating_sub(u32::try_from(ordinary.count()).unwrap_or(0));
+    if faults == 0 {
         return writeln!(out, "faults      none");
     }
-    writeln!(out, "faults      {count}")?;
-    for fault in first {
+    writeln!(out, "faults      {faults}")?;
+    for fault in first.iter().filter(|fault| !fault.code.is_ordinary_end()) {
         let Fault { code, index, stamp, value } = fault;
         writeln!(out, "            {} index {index} value {value:.3} at {:.3} s", code.name(), stamp.as_s())?;
     }

@@ -78,7 +78,10 @@ mod tests {
             let torque = bearable(&model, &x, mu, wanted);
             let [fx, fy] = force(torque);
             let on_cone = (fx.abs() - mu * fy).abs() < 1e-4;
-            assert!(torque != wanted && (on_cone || (fy - PRESSED * model.w2).abs() < 1e-4), "{mu} {torque} {fx} {fy}");
+            assert!(
+                (torque - wanted).abs() > 0.0 && (on_cone || (fy - PRESSED * model.w2).abs() < 1e-4),
+                "{mu} {torque} {fx} {fy}"
+            );
         }
     }
 }

@@ -74,7 +74,11 @@ fn data_become_samples_with_the_times_of_the_device() {
     }
     let samples = batch.as_slice();
     assert_eq!((samples.len(), batch.dropped), (4, 0));
-    assert!(samples.iter().all(|s| s.has_attitude && s.euler_rad[1] == 0.25 && s.rate_rad_s[1] == 0.5));
+    assert!(
+        samples
+            .iter()
+            .all(|s| s.has_attitude && (s.euler_rad[1] - 0.25).abs() < 1e-12 && (s.rate_rad_s[1] - 0.5).abs() < 1e-12)
+    );
     for pair in samples.windows(2) {
         assert!((pair[1].stamp.since(pair[0].stamp).0 - 2_000_000).abs() < 2_000, "{pair:?}");
     }

