@@ -24,7 +24,7 @@
 //! | which of two? | 10 ahead; the simpler one with .95 of the gain | [`judge::exchange`], [`judge::simplicity`] |
 //! | what stands beside it? | within two deviations, or within the error of form | [`judge::credible_set`] |
 //! | nothing of the library? | a free force ahead of all that was listed | [`judge::nameless`] |
-//! | does it matter? | .12 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
+//! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
 //!
 //! # Words
 //! - *Base*: the rig as given with its free numbers fitted. *Candidate*: an effect at a place, with starts and bounds.

@@ -134,18 +134,14 @@ pub fn is_accepted(
 }
 
 /// True if the 95 % interval of the strength of effect `e` reaches nothing, with all that widens an interval: such a number is no
-/// explanation. `of`: with intervals. What is absent at infinity (a stiffness, a limit) is judged by its inverse.
+/// explanation. `of`: with intervals. What is absent at infinity (a stiffness, a limit) is not asked: stiffness, damping and rotor
+/// inertia share a scale that the recordings may leave open (195 ± 124) where the effect itself is beyond doubt.
 #[must_use]
 pub fn strength_is_undetermined(of: &FittedModel, e: usize) -> bool {
     let Some(effect) = of.rig.effects.get(e) else { return false };
     let known = estimates(of);
     let unsure = |(k, key): (usize, &Key)| {
-        let nothing = match key.role {
-            Role::Strength(nothing) => nothing,
-            // Of an inverse the relative deviation is the same.
-            Role::Inverse => 0.0,
-            Role::Shape => return false,
-        };
+        let Role::Strength(nothing) = key.role else { return false };
         let fitted = of.problem.theta.index_of_slot(Slot::Effect(Scope::Rig, e, k)).map(|i| known[i].1);
         fitted.is_some_and(|x| (x.value - nothing).abs() < STRENGTH_DEVIATIONS * x.std)
     };
