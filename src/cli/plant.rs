@@ -30,7 +30,7 @@ Exit codes: 0 fine, 2 configuration, 3 no such interface.")]
 pub(crate) struct Args {
     #[command(flatten)]
     config: ConfigArgs,
-    /// Injects a fault: NAME@TIME[:ARGS], such as boot_up@3s:drive=hip. May be given often. `list` prints them all
+    /// Injects a fault: `NAME@TIME[:ARGS]`, such as boot_up@3s:drive=hip. May be given often. `list` prints them all
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<String>,
     /// Ends after so many seconds

@@ -48,7 +48,7 @@ pub(crate) struct Args {
     /// Seed of all noise, instead of the configured one
     #[arg(long)]
     seed: Option<u64>,
-    /// Injects a fault: NAME@TIME[:ARGS], such as bus_off@3s:bus=1,for=200ms. May be given often. `list` prints them all
+    /// Injects a fault: `NAME@TIME[:ARGS]`, such as bus_off@3s:bus=1,for=200ms. May be given often. `list` prints them all
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<String>,
     /// Runs so often with random faults instead, and says whether torque, limits and latch held in every tick

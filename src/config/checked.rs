@@ -541,6 +541,12 @@ pub struct FootPlacement {
 /// Numbers of the virtual constraints; footholds, stance toe and push-off are [`FootPlacement`]'s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VirtualConstraint {
+    /// Speed that the angle holds for, m/s.
+    pub speed_m_s: f64,
+    /// Swing angle at touchdown in steady walking, rad.
+    pub angle_rad: f64,
+    /// What it grows by with the speed, rad per m/s.
+    pub angle_per_speed_s_m: f64,
     /// The curve ends when the stance leg leans forward by this share of the steady swing angle.
     pub arrive_share: f64,
     /// The foothold no longer changes from this phase on.

@@ -121,6 +121,9 @@ fn plan(r: &Reader<'_>, key: &'static str, in_program: &[(&str, &str)], is_follo
 
 fn virtual_constraint(r: &Reader<'_>) -> VirtualConstraint {
     VirtualConstraint {
+        speed_m_s: r.number("speed_m_s", range(0.05, 2.0, "m/s")),
+        angle_rad: r.number("angle_rad", range(0.02, 0.5, "rad")),
+        angle_per_speed_s_m: r.number("angle_per_speed_s_m", range(0.0, 2.0, "rad s/m")),
         arrive_share: r.number("arrive_share", range(-0.5, 1.5, "1")),
         frozen_phase: r.number("frozen_phase", range(0.0, 1.0, "1")),
         bends: r.numbers("bends", range(-1.0, 1.0, "1")),

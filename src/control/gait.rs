@@ -3,6 +3,7 @@
 
 use super::ControllerError;
 use super::foot_placement::{FootPlacement, Wish};
+use super::landing::Steady;
 use super::transverse::Transverse;
 use super::tvlqr::Tvlqr;
 use super::virtual_constraint::VirtualConstraint;
@@ -20,6 +21,7 @@ pub(super) struct Gait {
 }
 
 #[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one, made before arming")]
 enum Own {
     Placement,
     Virtual(VirtualConstraint),
@@ -43,7 +45,11 @@ impl Gait {
             | ControllerKind::Walk
             | ControllerKind::LqrTree => Own::Placement,
         };
-        Ok(Self { placement: FootPlacement::new(config), own, in_charge: false, stance: None })
+        let mut placement = FootPlacement::new(config);
+        if matches!(own, Own::Virtual(_)) {
+            placement.landing.walk_as(Steady::of_virtual_constraint(&config.control.virtual_constraint));
+        }
+        Ok(Self { placement, own, in_charge: false, stance: None })
     }
 
     /// The next tick begins a first step, out of balance.

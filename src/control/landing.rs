@@ -5,7 +5,7 @@
 //! gain of ξ² in a step; the heights of footholds are learnt from the geometry while both feet are on the ground.
 
 use super::pendulum::{KAPPA2, energy, passing_rad_s};
-use crate::config::checked::{Config, FootPlacement as Numbers};
+use crate::config::checked::{Config, FootPlacement as Numbers, VirtualConstraint};
 use crate::model::compass_gait::impact;
 use crate::model::compass_gait::params::Normalised;
 use crate::msg::{Estimate, Leg};
@@ -16,6 +16,7 @@ pub(super) struct Landing {
     models: [Normalised<f64>; 2],
     leg_m: f64,
     numbers: Numbers,
+    steady: Steady,
     /// Gain of ξ² in a step that ends on each leg beyond the impact map's, rad²/s².
     gain: [f64; 2],
     floor: Floor,
@@ -27,6 +28,39 @@ struct Floor {
     height_m: f64,
     /// Mean rise of a step, m: the floor's slope or the attitude's error.
     rise_m: f64,
+}
+
+/// Steady walking: which speed is aimed at for one that is asked for, and its swing angle at touchdown.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Steady {
+    speed_m_s: f64,
+    aimed_m_s: f64,
+    aimed_per_speed: f64,
+    angle_rad: f64,
+    angle_per_speed_s_m: f64,
+}
+
+impl Steady {
+    const fn of_placement(n: &Numbers) -> Self {
+        Self {
+            speed_m_s: n.speed_m_s,
+            aimed_m_s: n.aimed_m_s,
+            aimed_per_speed: n.aimed_per_speed,
+            angle_rad: n.angle_rad,
+            angle_per_speed_s_m: n.angle_per_speed_s_m,
+        }
+    }
+
+    /// Of a law that walks at the speed that is aimed at.
+    pub(super) const fn of_virtual_constraint(n: &VirtualConstraint) -> Self {
+        Self {
+            speed_m_s: n.speed_m_s,
+            aimed_m_s: n.speed_m_s,
+            aimed_per_speed: 1.0,
+            angle_rad: n.angle_rad,
+            angle_per_speed_s_m: n.angle_per_speed_s_m,
+        }
+    }
 }
 
 /// Where to step, and how far to push the stance toe.
@@ -44,6 +78,7 @@ impl Landing {
             models: [params.normalised(), params.swapped().normalised()],
             leg_m: params.leg_length_m,
             numbers: config.control.foot_placement,
+            steady: Steady::of_placement(&config.control.foot_placement),
             gain: [0.0; 2],
             floor: Floor::default(),
         }
@@ -77,16 +112,21 @@ impl Landing {
 
     /// Swing angle at touchdown in steady walking at a speed, rad.
     pub(super) fn steady_rad(&self, speed_m_s: f64) -> f64 {
-        let n = &self.numbers;
+        let s = &self.steady;
         let aimed_m_s = self.aimed_m_s(speed_m_s);
-        (n.angle_rad + n.angle_per_speed_s_m * (aimed_m_s - n.aimed_m_s)).clamp(LEAST_RAD, MOST_RAD)
+        (s.angle_rad + s.angle_per_speed_s_m * (aimed_m_s - s.aimed_m_s)).clamp(LEAST_RAD, MOST_RAD)
     }
 
     /// Speed to aim at for one that is asked for, m/s: a foothold makes up for a share of an error only, so the robot walks
     /// slower than aimed at.
     fn aimed_m_s(&self, speed_m_s: f64) -> f64 {
-        let n = &self.numbers;
-        (n.aimed_m_s + n.aimed_per_speed * (speed_m_s - n.speed_m_s)).max(SLOWEST_M_S)
+        let s = &self.steady;
+        (s.aimed_m_s + s.aimed_per_speed * (speed_m_s - s.speed_m_s)).max(SLOWEST_M_S)
+    }
+
+    /// Another law walks: its steady walking counts, in the steps of foot placement around it too.
+    pub(super) const fn walk_as(&mut self, steady: Steady) {
+        self.steady = steady;
     }
 
     /// Foothold and push-off for a speed; a speed of zero asks for a foothold that the robot does not pass.
@@ -98,7 +138,7 @@ impl Landing {
         let passing = passing_rad_s(wanted_rad, aimed_m_s / self.leg_m);
         let wanted = if stops { STOPPING } else { passing * passing };
         let angle_rad = self.foothold(e, wanted, wanted_rad);
-        let push_m = n.push_m + n.push_per_speed_s * (aimed_m_s - n.aimed_m_s);
+        let push_m = n.push_m + n.push_per_speed_s * (aimed_m_s - self.steady.aimed_m_s);
         Foothold { angle_rad, push_m: if stops { 0.0 } else { push_m.clamp(0.0, n.push_most_m) } }
     }
 

@@ -8,7 +8,7 @@
 //! One given split of a recording is one draw: that a diagnosis is right on it says little (seen: 8 of 8 on the given
 //! split, 77 % on others of the same recordings).
 //! - [`table`], [`rig_file`]: recordings and rigs as text that is cut and edited; [`change`]: what is changed;
-//!   [`write`]: a variant on disk; [`settle`]: what the truth and its rivals are worth there; [`mark`]: right or not;
+//!   [`mod@write`]: a variant on disk; [`settle`]: what the truth and its rivals are worth there; [`mod@mark`]: right or not;
 //!   [`board`]: the table and the JSON
 //!
 //! RT: no.
