@@ -64,6 +64,8 @@ pub(super) struct Feet<S> {
     pub(super) tip: S,
     /// Side on which the swing foot was just after the last touchdown: not armed there.
     pub(super) side: f64,
+    /// The swing foot began below the floor by so much, m: a foot that slid against an edge. It comes up from there.
+    pub(super) sunk_m: f64,
     /// A recording says when legs change.
     pub(super) told: bool,
     /// The leg it wants next, if a change is due.
@@ -190,11 +192,20 @@ impl<S: Scalar> Machine<S> {
         self.plant.swing_height(&self.y).unwrap_or_default()
     }
 
-    /// A foot that is clear of the ground may come down on either side.
+    /// A foot that is clear of the ground may come down on either side; one that rises out of the ground is not let in
+    /// again.
     pub(super) fn arm_clear_foot(&mut self) {
+        if self.plant.feet.sunk_m > 0.0 {
+            self.plant.feet.sunk_m = self.depth_m().clamp(0.0, self.plant.feet.sunk_m);
+        }
         if self.plant.swing_height(&self.y).is_some_and(|h| h.value() > CLEAR_M) {
             self.plant.feet.side = 0.0;
         }
+    }
+
+    /// How deep the swing foot is in the floor as it lies there, m.
+    fn depth_m(&self) -> f64 {
+        self.plant.feet.sunk_m - self.plant.swing_height(&self.y).map_or(0.0, Scalar::value)
     }
 
     /// The recording says that `leg` stands from about now on; `None` disarms.
@@ -257,6 +268,10 @@ impl<S: Scalar> Machine<S> {
         self.plant.feet.due = None;
         if let Body::Legs(legs) = &mut self.plant.body {
             legs.set_stance(1 - legs.stance());
+        }
+        self.plant.feet.sunk_m = 0.0;
+        if self.plant.ground.both {
+            self.plant.feet.sunk_m = self.depth_m().max(0.0);
         }
         self.after_impact();
     }

@@ -86,7 +86,7 @@ impl<S: Scalar> Plant<S> {
             height += radius * (cw - 1.0);
         }
         height += self.short(y, w) * cw;
-        Some(height - self.floor_under(y, w)?)
+        Some(height - self.floor_under(y, w)? + self.feet.sunk_m)
     }
 
     /// Swing toe ahead of the stance toe, m along the ground.
@@ -245,6 +245,13 @@ impl<S: Scalar> Plant<S> {
         let legs = self.legs()?;
         let toe = if leg == legs.stance() { y.q[2] } else { y.q[2] + self.stride(y)? };
         Some(toe - self.short(y, leg) * (y.q[leg] + legs.slope()).sin())
+    }
+
+    /// How the floor rises under the foot of `leg`.
+    pub(super) fn rise_under(&self, y: &Phase<S>, leg: usize) -> f64 {
+        let (Some(floor), Some(place)) = (&self.ground.floor, self.foot_place(y, leg)) else { return 0.0 };
+        let [_, rise] = floor.profile(place.value());
+        rise
     }
 
     /// Height of the floor under the foot of `leg`, m.

@@ -3,6 +3,7 @@
 //! One foot stands rigidly ([`super::contact`]). The other one, while it touches, is on a stiff damped spring with dry
 //! friction, so that no force is indeterminate and none is missed. It becomes the foot that stands when it lands so that
 //! the old one leaves (the rigid impact says so), or when the old one is unloaded.
+//! The spring acts normal to the floor as it lies there, so an edge pushes back and up, and no energy comes out of it.
 
 use super::Machine;
 use super::contact::Contact;
@@ -28,10 +29,11 @@ pub(super) struct Second<S> {
     anchor: S,
 }
 
-/// The second foot's contact: rows and force along and normal to the ground.
+/// The second foot's contact: rows and force along and normal to the floor under it, which rises by `rise`.
 struct Press<S> {
     tangent: [S; MAX],
     normal: [S; MAX],
+    rise: f64,
     force: [S; 2],
 }
 
@@ -40,16 +42,24 @@ impl<S: Scalar> Plant<S> {
     fn press(&self, y: &Phase<S>) -> Option<Press<S>> {
         let second = self.feet.second.as_ref()?;
         let rows = self.foot_rows(y, true)?;
+        let swing = 1 - self.legs()?.stance();
         let depth = -self.swing_height(y)?;
-        let place = self.foot_place(y, 1 - self.legs()?.stance())?;
-        let speed = [product(&rows.tangent, &y.v, self.n), product(&rows.normal, &y.v, self.n)];
-        let normal = (depth * STIFFNESS_N_M - speed[1] * DAMPING_N_S_M).clamp_to(0.0, f64::INFINITY);
         if depth.value() <= 0.0 {
             return None;
         }
-        let most = self.most_friction() * normal.value();
-        let hold = -((place - second.anchor) * STIFFNESS_N_M) - speed[0] * DAMPING_N_S_M;
-        Some(Press { tangent: rows.tangent, normal: rows.normal, force: [hold.clamp_to(-most, most), normal] })
+        let place = self.foot_place(y, swing)?;
+        let rise = self.rise_under(y, swing);
+        let long = libm::sqrt(1.0 + rise * rise);
+        let (mut tangent, mut normal) = ([S::zero(); MAX], [S::zero(); MAX]);
+        for i in 0..self.n {
+            tangent[i] = (rows.tangent[i] + rows.normal[i] * rise) * (1.0 / long);
+            normal[i] = (rows.normal[i] - rows.tangent[i] * rise) * (1.0 / long);
+        }
+        let speed = [product(&tangent, &y.v, self.n), product(&normal, &y.v, self.n)];
+        let press = (depth * (STIFFNESS_N_M / long) - speed[1] * DAMPING_N_S_M).clamp_to(0.0, f64::INFINITY);
+        let most = self.most_friction() * press.value();
+        let hold = -((place - second.anchor) * (STIFFNESS_N_M * long)) - speed[0] * DAMPING_N_S_M;
+        Some(Press { tangent, normal, rise, force: [hold.clamp_to(-most, most), press] })
     }
 
     fn most_friction(&self) -> f64 {
@@ -74,7 +84,9 @@ impl<S: Scalar> Machine<S> {
     /// Force of the ground on the foot that does not stand, N: along the ground and normal to it; `None` in the air.
     #[must_use]
     pub fn second_foot_force(&self) -> Option<[S; 2]> {
-        self.plant.press(&self.y).map(|press| press.force)
+        let Press { rise, force: [along, press], .. } = self.plant.press(&self.y)?;
+        let long = libm::sqrt(1.0 + rise * rise);
+        Some([(along - press * rise) * (1.0 / long), (press + along * rise) * (1.0 / long)])
     }
 
     /// True if the swing foot that has just touched presses the old foot down instead of relieving it: it then becomes
@@ -125,7 +137,8 @@ impl<S: Scalar> Machine<S> {
         else {
             return;
         };
-        let reach = self.plant.most_friction() * press.force[1].value() / STIFFNESS_N_M;
+        let stiffness_n_m = STIFFNESS_N_M * libm::sqrt(1.0 + press.rise * press.rise);
+        let reach = self.plant.most_friction() * press.force[1].value() / stiffness_n_m;
         let stretch = (place - second.anchor).clamp_to(-reach, reach);
         self.plant.feet.second = Some(Second { anchor: place - stretch });
     }
