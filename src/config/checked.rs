@@ -530,8 +530,14 @@ pub struct FootPlacement {
     pub push_m: f64,
     /// Push that is longer for a speed above `speed_m_s`, m per m/s.
     pub push_per_speed_s: f64,
+    /// And for each rad²/s² of squared passing rate that the next step would lack, m s²/rad².
+    pub push_per_energy_m_s2_rad2: f64,
+    /// Smallest push-off, m; below zero the toe gives way.
+    pub push_least_m: f64,
     /// Largest push-off, m.
     pub push_most_m: f64,
+    /// Swing angle of a step backwards, which catches a robot that falls back, rad; 0 = none.
+    pub back_rad: f64,
     /// Push-off of the first step, m.
     pub first_push_m: f64,
     /// Lean of the stance leg beyond the vertical from which on it pushes, rad.

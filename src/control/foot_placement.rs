@@ -50,6 +50,8 @@ struct Step {
     reach_rad: f64,
     swing_toe_out: bool,
     is_first: bool,
+    /// It catches a robot that falls back.
+    is_back: bool,
 }
 
 /// What the law wants in a tick.
@@ -95,9 +97,14 @@ impl FootPlacement {
             before => self.begin(now, e, seen, before.as_ref()),
         };
         let since_s = now.since(step.since).as_s();
-        self.aim(&mut step, e, since_s, speed_m_s);
-        self.reach(&mut step, e);
-        let end = [step.goal_rad + step.reach_rad, -self.numbers.retraction_rad_s];
+        self.fall_back(&mut step, now, e);
+        let since_s = if step.is_back { now.since(step.since).as_s() } else { since_s };
+        if !step.is_back {
+            self.aim(&mut step, e, since_s, speed_m_s);
+            self.reach(&mut step, e);
+        }
+        let back = if step.is_back { -1.0 } else { 1.0 };
+        let end = [step.goal_rad + step.reach_rad, -back * self.numbers.retraction_rad_s];
         let path = quintic(step.from, end, step.duration_s, since_s.min(step.duration_s + LONGEST_DRIFT_S));
         let hip_torque_nm = self.track(e, &path, seen.late);
         let toe_position_m = self.toes(&mut step, e, now, since_s);
@@ -111,7 +118,7 @@ impl FootPlacement {
         let (stance_m, swing_m) = by_stance(&seen.toe_position_m, e.stance);
         if let Some(last) = before {
             self.landing.learn_floor(e, stance_m - swing_m);
-            if !last.is_first {
+            if !last.is_first && !last.is_back {
                 self.landing.learn_gain(e, last.next);
             }
         }
@@ -132,7 +139,33 @@ impl FootPlacement {
             reach_rad: 0.0,
             swing_toe_out: false,
             is_first,
+            is_back: false,
         }
+    }
+
+    /// A robot that does not pass the vertical is caught by a step backwards, and goes on from there.
+    fn fall_back(&self, step: &mut Step, now: Stamp, e: &Estimate) {
+        let n = &self.numbers;
+        let falls = e.theta_stance_rad > BACK_FROM_RAD && e.theta_stance_rad_s > BACK_FROM_RAD_S && energy(e) < 0.0;
+        if step.is_back || step.is_first || n.back_rad <= 0.0 || !falls {
+            return;
+        }
+        let mirrored =
+            Estimate { theta_stance_rad: -e.theta_stance_rad, theta_stance_rad_s: -e.theta_stance_rad_s, ..*e };
+        let angle_rad = n.back_rad.max(e.theta_stance_rad);
+        let lands_s = time_to(&mirrored, -angle_rad);
+        *step = Step {
+            since: now,
+            from: [e.theta_swing_rad, e.theta_swing_rad_s],
+            goal_rad: -angle_rad,
+            duration_s: (lands_s - n.lead_s).clamp(n.shortest_swing_s, n.longest_swing_s.max(n.shortest_swing_s)),
+            lands_s,
+            push_m: 0.0,
+            reach_rad: 0.0,
+            swing_toe_out: false,
+            is_back: true,
+            ..*step
+        };
     }
 
     /// Foothold, time of touchdown and push-off, decided anew until shortly before the touchdown.
@@ -141,13 +174,9 @@ impl FootPlacement {
         if since_s > step.lands_s - n.frozen_s && since_s > n.frozen_s {
             return;
         }
-        let Foothold { angle_rad, push_m } = if step.is_first {
-            Foothold { angle_rad: n.first_angle_rad, push_m: n.first_push_m }
-        } else {
-            self.landing.aim(e, speed_m_s)
-        };
-        (step.goal_rad, step.push_m) = (angle_rad, push_m);
-        step.next = self.landing.next_energy(e, step.goal_rad);
+        let foothold = if step.is_first { self.landing.aim_first(e) } else { self.landing.aim(e, speed_m_s) };
+        (step.goal_rad, step.push_m) = (foothold.angle_rad, foothold.push_m);
+        step.next = self.landing.next_energy(e, step.goal_rad) + foothold.gain;
         step.lands_s = (since_s + time_to(e, -step.goal_rad)).min(LONGEST_S);
         let duration_s = if step.is_first { n.first_swing_s } else { step.lands_s - n.lead_s };
         step.duration_s = duration_s.clamp(n.shortest_swing_s, n.longest_swing_s.max(n.shortest_swing_s));
@@ -177,7 +206,8 @@ impl FootPlacement {
     fn toes(&self, step: &mut Step, e: &Estimate, now: Stamp, since_s: f64) -> [f64; TOES] {
         let n = &self.numbers;
         let passed_rad = -e.theta_stance_rad;
-        step.swing_toe_out |= since_s > step.lands_s - n.toe_out_s && passed_rad > n.toe_out_rad;
+        step.swing_toe_out |= since_s > step.lands_s - n.toe_out_s
+            && if step.is_back { e.theta_swing_rad < 0.0 } else { passed_rad > n.toe_out_rad };
         let swing_m = if step.swing_toe_out { n.toe_reach_m } else { 0.0 };
         let level_m = n.toe_nominal_m - n.floor_share * self.landing.height_m();
         let pushes = passed_rad > if step.is_first { FIRST_PUSH_RAD } else { n.push_rad };
@@ -191,6 +221,9 @@ impl FootPlacement {
 
 /// Share of the way by which the reach follows in a tick of 1 ms: 20 ms.
 const REACH_SHARE: f64 = 0.05;
+/// Beyond this lean, rad, and rate, rad/s, a robot without the energy to pass the vertical falls back.
+const BACK_FROM_RAD: f64 = 0.02;
+const BACK_FROM_RAD_S: f64 = 0.05;
 /// Shortest time of a step, s.
 const SHORTEST_S: f64 = 0.2;
 /// So long after its planned end the swing leg goes on backwards, s.

@@ -68,6 +68,8 @@ impl Steady {
 pub(super) struct Foothold {
     pub(super) angle_rad: f64,
     pub(super) push_m: f64,
+    /// ξ² that the push-off is expected to give beyond that of a steady one, rad²/s².
+    pub(super) gain: f64,
 }
 
 impl Landing {
@@ -136,10 +138,29 @@ impl Landing {
         let aimed_m_s = self.aimed_m_s(speed_m_s);
         let wanted_rad = self.steady_rad(speed_m_s);
         let passing = passing_rad_s(wanted_rad, aimed_m_s / self.leg_m);
-        let wanted = if stops { STOPPING } else { passing * passing };
-        let angle_rad = self.foothold(e, wanted, wanted_rad);
-        let push_m = n.push_m + n.push_per_speed_s * (aimed_m_s - self.steady.aimed_m_s);
-        Foothold { angle_rad, push_m: if stops { 0.0 } else { push_m.clamp(0.0, n.push_most_m) } }
+        if stops {
+            return Foothold { angle_rad: self.foothold(e, STOPPING, wanted_rad, 0.0), ..Foothold::default() };
+        }
+        let wanted = passing * passing;
+        let steady_m = n.push_m + n.push_per_speed_s * (aimed_m_s - self.steady.aimed_m_s);
+        let (push_m, gain) = self.push(e, wanted, wanted_rad, steady_m);
+        Foothold { angle_rad: self.foothold(e, wanted, wanted_rad, gain), push_m, gain }
+    }
+
+    /// The first step, out of balance: what is lacking is pushed, and the step is no longer than it can be passed.
+    pub(super) fn aim_first(&self, e: &Estimate) -> Foothold {
+        let n = &self.numbers;
+        let (push_m, gain) = self.push(e, n.slow_energy, n.first_angle_rad, n.first_push_m);
+        let angle_rad = self.passable(e, n.slow_energy, gain).clamp(n.least_angle_rad, n.first_angle_rad);
+        Foothold { angle_rad, push_m, gain }
+    }
+
+    /// Push-off that makes up for the energy that the next step would lack, and the ξ² that it is worth beyond the steady one.
+    fn push(&self, e: &Estimate, wanted: f64, angle_rad: f64, steady_m: f64) -> (f64, f64) {
+        let n = &self.numbers;
+        let lacks = wanted - self.next_energy(e, angle_rad) - self.gain_of(e.stance.other());
+        let push_m = (steady_m + n.push_per_energy_m_s2_rad2 * lacks).clamp(n.push_least_m, n.push_most_m);
+        (push_m, PUSH_GAIN * (push_m - steady_m))
     }
 
     /// How much higher the new foothold is than the last one, m: both feet are on the ground.
@@ -172,16 +193,21 @@ impl Landing {
         }
     }
 
-    /// Swing angle after which the next step begins with ξ² `wanted`; a share of the way from the steady one.
-    fn foothold(&self, e: &Estimate, wanted: f64, steady_rad: f64) -> f64 {
+    /// A share of the way from the steady swing angle to the one after which the next step begins with ξ² `wanted`.
+    fn foothold(&self, e: &Estimate, wanted: f64, steady_rad: f64, pushed: f64) -> f64 {
+        steady_rad + self.numbers.placement_share * (self.passable(e, wanted, pushed) - steady_rad)
+    }
+
+    /// Swing angle after which the next step begins with ξ² `wanted`, `pushed` being given by the push-off.
+    fn passable(&self, e: &Estimate, wanted: f64, pushed: f64) -> f64 {
         let n = &self.numbers;
-        let learnt = self.gain_of(e.stance.other());
+        let gained = self.gain_of(e.stance.other()) + pushed;
         let (mut low, mut high) = (n.least_angle_rad, n.most_angle_rad);
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
-            if self.next_energy(e, middle) + learnt > wanted { low = middle } else { high = middle }
+            if self.next_energy(e, middle) + gained > wanted { low = middle } else { high = middle }
         }
-        steady_rad + n.placement_share * (0.5 * (low + high) - steady_rad)
+        0.5 * (low + high)
     }
 
     /// ξ² after a touchdown at swing angle `angle_rad` on level ground.
@@ -193,6 +219,9 @@ impl Landing {
     }
 }
 
+/// ξ² that a m of push-off is worth, rad²/s²: the hip's fall by it from one step to the next, 2 κ² over the height of the
+/// centre of mass (.79 m).
+const PUSH_GAIN: f64 = 25.0;
 /// Bounds of a steady swing angle, rad.
 const LEAST_RAD: f64 = 0.03;
 const MOST_RAD: f64 = 0.4;

@@ -83,7 +83,7 @@ impl VirtualConstraint {
         if s < self.numbers.frozen_phase {
             step.goal = landing.aim(e, speed_m_s);
             step.range_rad = self.range_rad(step.begins_rad, &step.goal);
-            step.next = landing.next_energy(e, step.goal.angle_rad);
+            step.next = landing.next_energy(e, step.goal.angle_rad) + step.goal.gain;
         }
         let hip_torque_nm = self.track(e, &step, s, seen.late, landing);
         let swing_m = self.swing_toe_m(e.theta_stance_rad, s, step.goal.angle_rad);
