@@ -12,7 +12,7 @@
 //! back so that the hip keeps its height over the mean floor, and pushes off at the end. The push makes up for the losses
 //! of a step of the length that is wanted.
 
-use super::landing::{Foothold, Landing};
+use super::landing::Landing;
 use super::motor_sign;
 use super::pendulum::{LONGEST_S, energy, time_to};
 use super::stance_toe::{StanceToe, by_stance, in_order};
