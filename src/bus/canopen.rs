@@ -216,6 +216,14 @@ pub enum ParseError {
     },
 }
 
+/// False if this frame is for or from another node than `node` (the lowest seven bits of an identifier; zero there is
+/// for all). Quicker than [`Message::parse`].
+#[must_use]
+pub const fn may_name(frame: &CanFrame, node: u8) -> bool {
+    let named = frame.id & 0x7F;
+    named == 0 || named == node as u32
+}
+
 impl Message {
     /// Reads a frame.
     ///

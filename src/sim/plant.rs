@@ -12,7 +12,7 @@ use super::trouble::wires::{HostEnd, Stranger};
 use super::wire::{Delivered, Wire};
 use super::{Reading, World};
 use crate::base::time::{Span, Stamp};
-use crate::bus::canopen::{Message, Object};
+use crate::bus::canopen::{self, Message, Object};
 use crate::bus::cia402::State;
 use crate::config::checked::{Config, DriveConfig, Hip, Robot, Simulation, Toe};
 use crate::msg::{BUSES, BusFrame, BusHealth, CanFrame, DRIVES, Drive, FrameBatch, TOES};
@@ -359,7 +359,7 @@ impl Plant {
                     self.show_position(index, at);
                 }
                 self.drives[index].hear(at, &delivered.frame, &mut self.answers);
-                self.drives[index].note_command(at);
+                self.note_torque(index, at);
                 self.put_answers(index, at);
             }
         }
@@ -371,8 +371,18 @@ impl Plant {
         self.oldest_command
     }
 
+    /// A torque command may be late; places are not.
+    fn note_torque(&mut self, index: usize, at: Stamp) {
+        if index == Drive::Hip as usize {
+            self.drives[index].note_command(at);
+        }
+    }
+
     fn note_age(&mut self, index: usize, delivered: &Delivered) {
         let node = self.nodes[index];
+        if !canopen::may_name(&delivered.frame, node) {
+            return;
+        }
         let is_command = matches!(Message::parse(&delivered.frame), Ok(Message::Rpdo(_, to, _)) if to.number() == node);
         if is_command && self.drives[index].state() == State::Enabled {
             let oldest = &mut self.oldest_command[index.min(1)];
@@ -393,7 +403,7 @@ impl Plant {
         for index in 0..DRIVES {
             self.show_position(index, at);
             self.drives[index].tick(at, &mut self.answers);
-            self.drives[index].note_command(at);
+            self.note_torque(index, at);
             self.put_answers(index, at);
         }
         self.release(at);

@@ -8,7 +8,8 @@ use super::{Defects, Electrics};
 use crate::base::bytes::padded;
 use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::{
-    EMCY_HEARTBEAT_LOST, EMCY_PDO_TOO_SHORT, EMCY_RPDO_TIMEOUT, Emergency, Message, NmtCommand, NmtState, Node, PdoData,
+    EMCY_HEARTBEAT_LOST, EMCY_PDO_TOO_SHORT, EMCY_RPDO_TIMEOUT, Emergency, Message, NmtCommand, NmtState, Node,
+    PdoData, may_name,
 };
 use crate::bus::cia402::State;
 use crate::bus::sdo::{AbortCode, Address, SdoReply, SdoValue};
@@ -175,7 +176,9 @@ impl Cia402Drive {
 
     /// A frame on its bus; what it answers goes to `out`.
     pub fn hear(&mut self, now: Stamp, frame: &CanFrame, out: &mut Vec<CanFrame>) {
-        if self.defects.unplugged {
+        // Of what others say it listens to the heartbeat of the one it watches.
+        let is_other = !may_name(frame, self.node.number()) && !may_name(frame, self.watched_node().number());
+        if self.defects.unplugged || is_other {
             return;
         }
         let Ok(message) = Message::parse(frame) else { return };
