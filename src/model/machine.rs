@@ -30,10 +30,13 @@ mod impulse;
 mod motion;
 mod second;
 mod solve;
+mod stand;
 mod start;
 #[cfg(test)]
 mod tests;
 mod toes;
+#[cfg(test)]
+mod toes_oracle;
 
 use super::effect::actuator::Drive;
 use super::effect::friction::Grip;
@@ -177,10 +180,27 @@ impl<S: Scalar> Machine<S> {
 
     /// Gives actuator `index` a command that holds from now on.
     pub fn command(&mut self, index: usize, command: f64, enabled: bool) {
-        self.flow_of = FlowOf::Nothing;
-        if let Some(drive) = self.plant.drives.get_mut(index) {
-            drive.command(command, enabled, self.now);
+        let turned = self.turned_by(index).filter(|_| self.flow_of == FlowOf::Start);
+        let Some(drive) = self.plant.drives.get_mut(index) else { return };
+        let rate = drive.row.of(&self.y.v);
+        let before = drive.torque(self.now, rate);
+        drive.command(command, enabled, self.now);
+        match turned {
+            // The one acceleration that feels it at once; the others follow through the spring.
+            Some((rotor, inertia)) => {
+                let change = drive.torque(self.now, rate) - before;
+                self.work.eq.force[rotor] += change;
+                self.work.a[rotor] += change / inertia;
+            }
+            None => self.flow_of = FlowOf::Nothing,
         }
+    }
+
+    /// Coordinate and inertia of the sprung rotor that actuator `index` turns, if nothing else feels its torque at once.
+    fn turned_by(&self, index: usize) -> Option<(usize, S)> {
+        let row = self.plant.drives.get(index)?.row;
+        let rotor = self.plant.rotors.iter().find(|rotor| row == Row::one(rotor.index, 1.0))?;
+        (self.plant.stands_on_a_point() && !self.plant.is_loaded).then_some((rotor.index, rotor.inertia))
     }
 
     /// Tells actuator `index` of a command given at `t_s`, before the present: what is still on its way, or in its lag.

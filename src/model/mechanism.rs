@@ -18,11 +18,13 @@ pub struct Equations<S> {
     pub mass: [[S; MAX]; MAX],
     /// -C q̇ - G.
     pub force: [S; MAX],
+    /// Sine and cosine of the stance leg's angle to the ground's normal; of [`Freedom::Floating`] legs only.
+    pub stance: (S, S),
 }
 
 impl<S: Scalar> Default for Equations<S> {
     fn default() -> Self {
-        Self { mass: [[S::zero(); MAX]; MAX], force: [S::zero(); MAX] }
+        Self { mass: [[S::zero(); MAX]; MAX], force: [S::zero(); MAX], stance: (S::zero(), S::one()) }
     }
 }
 

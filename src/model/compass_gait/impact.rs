@@ -8,7 +8,7 @@
 use super::floating::mass_matrix;
 use super::kinematics::{Trig, swing_toe};
 use super::params::Normalised;
-use crate::base::linalg::{Square, dot, solve, solve2};
+use crate::base::linalg::{Square, dot, solve2};
 use crate::base::scalar::Scalar;
 
 /// How the ground takes a toe.
@@ -51,9 +51,8 @@ pub fn contact_rows<S: Scalar>(q: [S; 2]) -> [[S; 4]; 2] {
 /// `None` when the mass matrix is singular, or when friction jams the slipping foot.
 #[must_use]
 pub fn touchdown<S: Scalar>(p: &Normalised<S>, q: [S; 2], v: [S; 4], ground: &Ground<S>) -> Option<Impact<S>> {
-    let M = mass_matrix(p, q);
     let A = contact_rows(q);
-    let W = [solve(M, A[0])?, solve(M, A[1])?]; // rows of (M⁻¹Aᵀ)ᵀ
+    let W = responses(&mass_matrix(p, q), &A)?;
     let D = [[dot(&A[0], &W[0]), dot(&A[0], &W[1])], [dot(&A[1], &W[0]), dot(&A[1], &W[1])]];
     let c = [dot(&A[0], &v), dot(&A[1], &v)];
     let stick = solve2(&D, [-c[0], -((ground.restitution + 1.0) * c[1])]);
@@ -65,6 +64,24 @@ pub fn touchdown<S: Scalar>(p: &Normalised<S>, q: [S; 2], v: [S; 4], ground: &Gr
         velocity[i] += W[0][i] * impulse[0] + W[1][i] * impulse[1];
     }
     Some(Impact { velocity, impulse, slips })
+}
+
+/// Rows of `(M⁻¹ Aᵀ)ᵀ`. `M = [H Jᵀ; J I]`, so the toe is eliminated by hand: `(H - Jᵀ J) x = a - Jᵀ a_toe`.
+fn responses<S: Scalar>(M: &Square<S, 4>, A: &[[S; 4]; 2]) -> Option<[[S; 4]; 2]> {
+    let j = [[M[2][0], M[2][1]], [M[3][0], M[3][1]]];
+    let left = |r: usize, c: usize| M[r][c] - j[0][r] * j[0][c] - j[1][r] * j[1][c];
+    let off = left(0, 1);
+    let schur = [[left(0, 0), off], [off, left(1, 1)]];
+    let det = schur[0][0] * schur[1][1] - off * off;
+    if det.value() == 0.0 || !det.value().is_finite() {
+        return None;
+    }
+    Some(A.map(|a| {
+        let right = |r: usize| a[r] - j[0][r] * a[2] - j[1][r] * a[3];
+        let x = solve2(&schur, [right(0), right(1)]);
+        let toe = |k: usize| a[2 + k] - j[k][0] * x[0] - j[k][1] * x[1];
+        [x[0], x[1], toe(0), toe(1)]
+    }))
 }
 
 /// `Ix = ±μ Iy` and the normal row alone: `Iy = -(1+e) c_y / (D_yy ± μ D_yx)`.

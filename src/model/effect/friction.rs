@@ -197,6 +197,13 @@ impl<S: Scalar> Axis<S> {
         torque
     }
 
+    /// False if dry friction holds it in this mode: nothing but a force, unless it is stuck.
+    #[inline]
+    #[must_use]
+    pub fn slides(&self, grip: Grip) -> bool {
+        grip != Grip::Stuck || self.dry.as_ref().is_none_or(|dry| dry.bristle.is_some())
+    }
+
     /// The dry friction of this axis, made on first use.
     pub fn dry_mut(&mut self) -> &mut DryFriction<S> {
         self.dry.get_or_insert_with(|| DryFriction {

@@ -41,6 +41,7 @@ impl<S: Scalar> Machine<S> {
             walks: setting.mechanism == MechanismKind::CompassGait && setting.setup.is_none_or(|s| s == Setup::Walk),
             ground: ground(setting, lift),
             feet: Feet::default(),
+            keeps_constraints: false,
             body,
         };
         let mut machine = Self {

@@ -198,7 +198,7 @@ impl<S: Scalar> Machine<S> {
         if self.plant.feet.sunk_m > 0.0 {
             self.plant.feet.sunk_m = self.depth_m().clamp(0.0, self.plant.feet.sunk_m);
         }
-        if self.plant.swing_height(&self.y).is_some_and(|h| h.value() > CLEAR_M) {
+        if self.plant.feet.side.abs() > 0.0 && self.plant.swing_height(&self.y).is_some_and(|h| h.value() > CLEAR_M) {
             self.plant.feet.side = 0.0;
         }
     }

@@ -6,6 +6,7 @@ use super::contact::Contact;
 use super::hold::{Holder, product};
 use super::motion::{Phase, Plant, Work};
 use crate::base::scalar::Scalar;
+use crate::model::compass_gait::kinematics::Trig;
 use crate::model::mechanism::{Body, Legs, MAX};
 
 /// First of the two generalised coordinates of the stance toe.
@@ -39,16 +40,28 @@ impl<S: Scalar> Plant<S> {
         }
     }
 
+    /// Sine and cosine of the stance leg's and the swing leg's angle to the ground's normal, from two evaluations.
+    #[inline]
+    fn directions(&self, y: &Phase<S>, legs: &Legs<S>) -> [(S, S); 2] {
+        let (s, w) = (legs.stance(), 1 - legs.stance());
+        let t = Trig::new([y.q[s] + legs.slope(), y.q[w] + legs.slope()]);
+        [t.stance, t.swing]
+    }
+
     /// Rows of the foot of `leg`: 0 stance, 1 swing (by role).
     pub(super) fn foot_rows(&self, y: &Phase<S>, swing: bool) -> Option<FootRows<S>> {
         let legs = self.legs()?;
+        Some(self.foot_rows_along(y, swing, legs, &self.directions(y, legs)))
+    }
+
+    fn foot_rows_along(&self, y: &Phase<S>, swing: bool, legs: &Legs<S>, directions: &[(S, S); 2]) -> FootRows<S> {
         let (s, w) = (legs.stance(), 1 - legs.stance());
         let mut rows = FootRows { tangent: [S::zero(); MAX], normal: [S::zero(); MAX], bias: [S::zero(); 2] };
         rows.tangent[2] = S::one();
         rows.normal[3] = S::one();
         let l = legs.length();
         if swing {
-            let ((ss, cs), (sw, cw)) = ((y.q[s] + legs.slope()).sin_cos(), (y.q[w] + legs.slope()).sin_cos());
+            let [(ss, cs), (sw, cw)] = *directions;
             rows.tangent[s] = -(l * cs);
             rows.tangent[w] = l * cw;
             rows.normal[s] = -(l * ss);
@@ -60,7 +73,7 @@ impl<S: Scalar> Plant<S> {
         let (radius, short) = (self.ground.radius.unwrap_or_default(), self.short(y, leg));
         let reach = radius + short;
         if self.ground.radius.is_some() || self.feet.toes.is_some() {
-            let (sin, cos) = (y.q[leg] + legs.slope()).sin_cos();
+            let (sin, cos) = directions[usize::from(swing)];
             let rate = y.v[leg];
             rows.tangent[leg] -= reach * cos - radius;
             rows.normal[leg] -= reach * sin;
@@ -73,27 +86,36 @@ impl<S: Scalar> Plant<S> {
                 rows.bias[1] -= twice * sin;
             }
         }
-        Some(rows)
+        rows
     }
 
     /// Height of the swing foot above the ground, m.
     pub(super) fn swing_height(&self, y: &Phase<S>) -> Option<S> {
         let legs = self.legs()?;
-        let (s, w) = (legs.stance(), 1 - legs.stance());
-        let (cs, cw) = ((y.q[s] + legs.slope()).cos(), (y.q[w] + legs.slope()).cos());
-        let mut height = y.q[3] + legs.length() * (cs - cw);
+        Some(self.swing_height_along(y, legs, &self.directions(y, legs)))
+    }
+
+    fn swing_height_along(&self, y: &Phase<S>, legs: &Legs<S>, [(ss, cs), (sw, cw)]: &[(S, S); 2]) -> S {
+        let short = self.short(y, 1 - legs.stance());
+        let mut height = y.q[3] + legs.length() * (*cs - *cw);
         if let Some(radius) = self.ground.radius {
-            height += radius * (cw - 1.0);
+            height += radius * (*cw - 1.0);
         }
-        height += self.short(y, w) * cw;
-        Some(height - self.floor_under(y, w)? + self.feet.sunk_m)
+        height += short * *cw + self.feet.sunk_m;
+        match &self.ground.floor {
+            None => height,
+            Some(floor) => {
+                let place = y.q[2] + legs.length() * (*sw - *ss) - short * *sw;
+                height - floor.height_m(place.value())
+            }
+        }
     }
 
     /// Swing toe ahead of the stance toe, m along the ground.
     pub(super) fn stride(&self, y: &Phase<S>) -> Option<S> {
         let legs = self.legs()?;
-        let (s, w) = (legs.stance(), 1 - legs.stance());
-        Some(legs.length() * ((y.q[w] + legs.slope()).sin() - (y.q[s] + legs.slope()).sin()))
+        let [(ss, _), (sw, _)] = self.directions(y, legs);
+        Some(legs.length() * (sw - ss))
     }
 
     /// Height of the swing foot if it may touch down now.
@@ -104,18 +126,16 @@ impl<S: Scalar> Plant<S> {
         }
         if self.feet.told {
             self.feet.due.filter(|leg| *leg != legs.stance())?;
-        } else {
-            let stride = self.stride(y)?.value();
-            if stride.abs() < APART * legs.length().value() || stride * self.feet.side > 0.0 {
-                return None;
-            }
-            // A foot that scuffed in mid-swing comes up again: the toe is retracted, nothing happens.
-            let rises = product(&self.foot_rows(y, true)?.normal, &y.v, self.n).value() > 0.0;
-            if rises {
-                return None;
-            }
+            return self.swing_height(y).map(Scalar::value);
         }
-        self.swing_height(y).map(Scalar::value)
+        let directions = self.directions(y, legs);
+        let stride = legs.length().value() * (directions[1].0 - directions[0].0).value();
+        if stride.abs() < APART * legs.length().value() || stride * self.feet.side > 0.0 {
+            return None;
+        }
+        // A foot that scuffed in mid-swing comes up again: the toe is retracted, nothing happens.
+        let rises = product(&self.foot_rows_along(y, true, legs, &directions).normal, &y.v, self.n).value() > 0.0;
+        (!rises).then(|| self.swing_height_along(y, legs, &directions).value())
     }
 
     /// Height of a stance foot in flight.

@@ -72,6 +72,11 @@ impl<S: Scalar> Held<S> {
         self.wants_forces = wants_forces;
     }
 
+    /// Forces are wanted, not accelerations alone.
+    pub(super) const fn wants_forces(&self) -> bool {
+        self.wants_forces
+    }
+
     /// Holds generalised coordinate `index` still by a force on `factor` times it.
     pub(super) fn still(&mut self, holder: Holder, index: usize, factor: f64) {
         self.push(holder, Kind::Still { index, factor });
@@ -91,6 +96,13 @@ impl<S: Scalar> Held<S> {
             self.rows[k] = row;
             self.pushes[k] = push;
             self.bias[k] = bias;
+        }
+    }
+
+    /// A force that was found elsewhere.
+    pub(super) fn note(&mut self, holder: Holder, force: S) {
+        if let Some(k) = self.push(holder, Kind::Along) {
+            self.force[k] = force;
         }
     }
 

@@ -167,6 +167,8 @@ pub(super) struct Plant<S> {
     pub(super) walks: bool,
     pub(super) ground: Ground<S>,
     pub(super) feet: Feet<S>,
+    /// [`Self::stand`] is not used: a test asks for the general equations.
+    pub(super) keeps_constraints: bool,
 }
 
 impl<S: Scalar> Plant<S> {
@@ -204,6 +206,9 @@ impl<S: Scalar> Plant<S> {
             drive.row.push(self.torque_of(drive, y, t), &mut work.eq.force);
         }
         self.add_axes(y, t, work);
+        if self.stands_on_a_point() {
+            return self.stand(y, work);
+        }
         self.add_toes(work);
         self.add_second_foot(y, work);
         self.add_foot(y, work);
@@ -287,13 +292,31 @@ impl<S: Scalar> Plant<S> {
     /// holds the accelerations at `y`.
     pub(super) fn step(
         &self,
+        start: (&Phase<S>, S, bool),
+        h: S,
+        end: &mut Phase<S>,
+        stages: &mut Stages<S>,
+        work: &mut Work<S>,
+    ) {
+        // The walker's count, known to the compiler: its loops were half of the step.
+        if self.n == WALKER {
+            self.step_of::<WALKER>(start, h, end, stages, work);
+        } else {
+            self.step_of::<0>(start, h, end, stages, work);
+        }
+    }
+
+    /// Of `N` coordinates, or as many as there are if `N` is 0.
+    #[inline]
+    fn step_of<const N: usize>(
+        &self,
         (y, now, flows): (&Phase<S>, S, bool),
         h: S,
         end: &mut Phase<S>,
         Stages { at, sum }: &mut Stages<S>,
         work: &mut Work<S>,
     ) {
-        let (n, bristles) = (self.n, self.bristles);
+        let (n, bristles) = (if N == 0 { self.n } else { N }, self.bristles);
         // A step without derivatives of its own length, as most are, halves the products.
         let (length, plain) = (h.value(), !h.is_varied());
         let times = |x: S, part: f64| if plain { x * (length * part) } else { x * (h * part) };
@@ -347,6 +370,8 @@ impl<S: Scalar> Machine<S> {
     }
 }
 
+/// Coordinates of a walker with a sprung hip: legs, toe of the stance leg, rotor, lengths of both toes.
+const WALKER: usize = 7;
 /// Reach of the next stage and weight of this one (Kutta 1901).
 const STAGES: [(f64, f64); 4] = [(0.5, 1.0 / 6.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 3.0), (0.0, 1.0 / 6.0)];
 /// When each stage looks.

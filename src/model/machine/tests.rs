@@ -391,3 +391,57 @@ fn a_bristle_gives_back_no_more_than_it_stores() {
     }
     assert!(least < -1.19, "friction brought it to rest: {least}");
 }
+
+/// A walker with a sprung hip and toes that move, its stance leg leaning by `lean_rad`.
+fn walker_with_toes(slope_rad: f64, lean_rad: f64) -> Machine<f64> {
+    let effects = effect("viscous_friction", "hip", "viscous = 0.1")
+        + &effect("coulomb_friction", "hip", "coulomb = 0.3")
+        + &effect("joint_elasticity", "hip", "stiffness = 377.0\ndamping = 0.2\nrotor_inertia = 0.09")
+        + &effect("foot_slip", "ground", "friction = 0.6")
+        + &effect("ground_slope", "ground", &format!("slope = {slope_rad:?}"));
+    let mut m = machine(&rig(WALKER, &effects), Some(Setup::Walk));
+    m.let_lift_off();
+    m.let_stand_on_both();
+    m.give_toes([0.01, 0.03]).unwrap();
+    m.reset(0.0, &[lean_rad, -0.1, -0.9, 1.1]);
+    m
+}
+
+#[test]
+fn a_foot_that_is_eliminated_moves_as_one_that_is_held_by_forces() {
+    for (slope_rad, lean_rad) in [(0.0, 0.12), (0.03, 0.05), (-0.04, -0.1)] {
+        let mut both = [walker_with_toes(slope_rad, lean_rad), walker_with_toes(slope_rad, lean_rad)];
+        both[1].plant.keeps_constraints = true;
+        let mut eliminated = 0;
+        for k in 0..400 {
+            let t = f64::from(k) * 1e-3;
+            for m in &mut both {
+                let swings = 0.02 * (9.0 * t).cos();
+                let [[inner, _], [outer, _]] = m.toes();
+                m.set_toes([
+                    ToeMotion {
+                        short_m: inner,
+                        rate_m_s: 0.01 * (7.0 * t).sin(),
+                        acceleration_m_s2: 0.07 * (7.0 * t).cos(),
+                    },
+                    ToeMotion { short_m: outer, rate_m_s: swings, acceleration_m_s2: -0.18 * (9.0 * t).sin() },
+                ]);
+                m.command(0, 8.0 * (23.0 * t).sin(), true);
+                m.advance_to(t + 1e-3).unwrap();
+            }
+            let [a, b] = &mut both;
+            eliminated += u32::from(a.plant.stands_on_a_point());
+            let ([fa, ha], [fb, hb]) = (
+                <[_; 2]>::from(a.ground_force_and_hip_acceleration()),
+                <[_; 2]>::from(b.ground_force_and_hip_acceleration()),
+            );
+            for i in 0..2 {
+                // Rounding, and how the motion makes it grow.
+                assert!((fa[i] - fb[i]).abs() < 1e-6 && (ha[i] - hb[i]).abs() < 1e-7, "{t}: {fa:?} {fb:?}");
+                assert!((a.coordinate(i) - b.coordinate(i)).abs() < 1e-9, "{t}");
+                assert!((a.rate(i) - b.rate(i)).abs() < 1e-8, "{t}");
+            }
+        }
+        assert!(eliminated > 300, "{eliminated}");
+    }
+}

@@ -22,6 +22,9 @@ pub struct ToeMotion<S> {
     pub acceleration_m_s2: S,
 }
 
+/// A motion that differs by less in m, m/s and m/s² continues the present one: rounding.
+const CONTINUES: f64 = 1e-12;
+
 impl<S: Scalar> Plant<S> {
     /// Toes move whatever the forces are.
     pub(super) fn add_toes(&self, work: &mut Work<S>) {
@@ -53,26 +56,43 @@ impl<S: Scalar> Machine<S> {
     /// acceleration; one that does not is a jump in which the stance foot stays where it is.
     pub fn set_toes(&mut self, motion: [ToeMotion<S>; 2]) {
         let Some(toes) = self.plant.feet.toes else { return };
-        self.flow_of = FlowOf::Nothing;
-        let before = self.stance_foot_velocity();
-        let leg = self.stance();
-        let change = motion[leg].short_m - self.y.q[toes + leg];
-        for (k, m) in motion.iter().enumerate() {
-            self.y.q[toes + k] = m.short_m;
-            self.y.v[toes + k] = m.rate_m_s;
-            self.plant.feet.toe_acceleration[k] = m.acceleration_m_s2;
-        }
-        if self.plant.feet.contact != Contact::Flight {
-            let slope = self.plant.legs().map_or(S::zero(), |legs| legs.slope());
-            let (sin, cos) = (self.y.q[leg] + slope).sin_cos();
-            self.y.q[2] += change * sin;
-            self.y.q[3] -= change * cos;
-            let after = self.stance_foot_velocity();
-            for k in 0..2 {
-                self.y.v[2 + k] += before[k] - after[k];
+        let stance = self.stance();
+        for (leg, m) in motion.iter().enumerate() {
+            let before = (self.y.q[toes + leg], self.y.v[toes + leg], self.plant.feet.toe_acceleration[leg]);
+            let changes = [m.short_m - before.0, m.rate_m_s - before.1, m.acceleration_m_s2 - before.2];
+            if changes.iter().all(|change| change.value().abs() < CONTINUES && !change.is_varied()) {
+                continue;
+            }
+            self.y.q[toes + leg] = m.short_m;
+            self.y.v[toes + leg] = m.rate_m_s;
+            self.plant.feet.toe_acceleration[leg] = m.acceleration_m_s2;
+            if leg == stance {
+                self.keep_stance_foot(m.short_m - before.0, m.rate_m_s - before.1);
+            }
+            if leg != stance && self.plant.stands_on_a_point() {
+                // A massless toe in the air: nothing else feels it.
+                self.work.a[toes + leg] = m.acceleration_m_s2;
+            } else {
+                self.flow_of = FlowOf::Nothing;
             }
         }
         self.arm_clear_foot();
+    }
+
+    /// The stance leg has become shorter by so much, and does so by so much faster: its foot stays where and as fast as
+    /// it was, so the point at the end of the full leg moves.
+    fn keep_stance_foot(&mut self, change_m: S, change_m_s: S) {
+        if self.plant.feet.contact == Contact::Flight {
+            return;
+        }
+        let leg = self.stance();
+        let slope = self.plant.legs().map_or(S::zero(), |legs| legs.slope());
+        let (sin, cos) = (self.y.q[leg] + slope).sin_cos();
+        self.y.q[2] += change_m * sin;
+        self.y.q[3] -= change_m * cos;
+        let turn = change_m * self.y.v[leg];
+        self.y.v[2] += turn * cos + change_m_s * sin;
+        self.y.v[3] += turn * sin - change_m_s * cos;
     }
 
     /// What each leg is shorter than its length and the rate of that, m and m/s.

@@ -264,6 +264,11 @@ impl<S: Scalar> Mechanism<S> for Legs<S> {
                 let (mass, force, t) = self.pinned(q[s], q[w], v[s], v[w]);
                 self.put_legs(mass, force, out);
                 self.add_toe(&t, [v[s], v[w]], out);
+                let (sin, cos) = t.stance;
+                out.stance = match self.tilt {
+                    None => t.stance,
+                    Some((sa, ca)) => (sin * ca + cos * sa, cos * ca - sin * sa),
+                };
             }
         }
     }
