@@ -141,11 +141,19 @@ fn since_start(found: &Inspection, stamp: Stamp) -> f64 {
 fn write_losses(out: &mut impl Write, found: &Inspection) -> io::Result<()> {
     writeln!(out)?;
     if let Some((first, last)) = found.ticks {
-        writeln!(out, "ticks     {first} to {last}, {} missing", found.missing_ticks)?;
+        let (_, at) = found.streams[Stream::Tick as usize].span.unwrap_or_default();
+        let missing = found.missing_ticks;
+        writeln!(
+            out,
+            "ticks     {first} to {last}, {missing} missing, the last at {:.3} s of its computer's uptime",
+            at.as_s()
+        )?;
     }
     if let Some(recorder) = found.recorder {
         let state = if recorder.state == RecorderState::Recording { "" } else { recorder.state.name() };
-        writeln!(out, "recorder  {} dropped, at most {} waiting {state}", recorder.dropped, recorder.queue_peak)?;
+        let (dropped, peak) = (recorder.dropped, recorder.queue_peak);
+        let sync_ms = found.longest_sync.as_s() * 1e3;
+        writeln!(out, "recorder  {dropped} dropped, at most {peak} waiting, longest sync {sync_ms:.1} ms {state}")?;
     }
     writeln!(out, "inputs    {} frames and IMU messages lost before the tick", found.input_drops)?;
     if let Some(status) = found.status {

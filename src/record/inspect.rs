@@ -79,6 +79,8 @@ pub struct Inspection {
     pub more_events: u64,
     /// Last word of the recorder.
     pub recorder: Option<RecorderStatus>,
+    /// The longest time that its disk took to make something safe.
+    pub longest_sync: Span,
     /// Last status.
     pub status: Option<Status>,
     /// Frames and IMU messages lost before the tick, since start.
@@ -101,7 +103,7 @@ pub fn inspect(path: &Path) -> Result<Inspection, ReadError> {
         match message.stream {
             Stream::Tick => decode(message.bytes).into_iter().for_each(|head| found.head(&head)),
             Stream::Status => decode(message.bytes).into_iter().for_each(|status| found.take_status(status)),
-            Stream::Recorder => found.recorder = decode(message.bytes).or(found.recorder),
+            Stream::Recorder => decode(message.bytes).into_iter().for_each(|word| found.take_recorder(word)),
             _ => {}
         }
         None::<()>
@@ -141,6 +143,11 @@ impl Inspection {
         {
             self.event(Event::Fault(fault));
         }
+    }
+
+    fn take_recorder(&mut self, word: RecorderStatus) {
+        self.longest_sync = self.longest_sync.max(word.flush_time);
+        self.recorder = Some(word);
     }
 
     fn event(&mut self, event: Event) {
