@@ -33,6 +33,7 @@ fn simulated_run_is_recorded_and_replays_to_the_bit() {
     let (code, stdout, _) = compass(&["inspect", file]);
     assert_eq!(code, 0, "{stdout}");
     assert!(stdout.contains("file      whole") && stdout.contains("mode Armed"), "{stdout}");
+    assert!(stdout.contains(" s of its computer's uptime") && stdout.contains("longest sync"), "{stdout}");
     let (code, stdout, _) = compass(&["replay", file, "--check"]);
     assert_eq!((code, stdout.as_str()), (0, "3000 ticks alike to the bit\n"));
     let (code, stdout, _) = compass(&["replay", file, "--check", "--set", "control.lqr_r=0.5"]);
@@ -182,6 +183,86 @@ fn a_view_that_nobody_reads_does_not_keep_a_signal_from_closing_the_recording() 
     reader.read_exact(&mut rest).unwrap();
     writer.flush().unwrap();
     assert!(!filler.join().unwrap());
+}
+
+#[test]
+fn a_closed_terminal_and_every_ending_signal_end_the_run_in_order() {
+    for signal in ["-HUP", "-QUIT", "-INT"] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut child = recorded_run(folder.path(), "1h", Stdio::null());
+        // The recording begins when signals are caught; a second later there are ticks in it.
+        while fs::read_dir(folder.path()).unwrap().count() == 0 {
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+        std::thread::sleep(std::time::Duration::from_secs(2));
+        assert!(Plain::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        // HUP and QUIT killed it once, its drives without stop frames and its recording torn.
+        ended_by_itself(&mut child);
+        assert!(whole_ticks(folder.path()) > 0, "{signal}");
+    }
+}
+
+#[test]
+fn a_second_run_of_the_same_robot_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = format!("test-twice-{}", std::process::id());
+    let run = |seconds: &str| {
+        let mut command = Plain::new(env!("CARGO_BIN_EXE_compass"));
+        command.args(["run", "--for", seconds, "--name", &name, "--set", "rt.lock_memory=false"]);
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+        command.spawn().unwrap()
+    };
+    let mut first = recorded_run(folder.path(), "1h", Stdio::null());
+    let mut named = run("1h");
+    std::thread::sleep(std::time::Duration::from_secs(3));
+    let second = run("1h").wait_with_output().unwrap();
+    let said = String::from_utf8(second.stderr).unwrap();
+    assert_eq!(second.status.code(), Some(3), "{said}");
+    assert!(said.contains(&name), "{said}");
+    assert!(named.try_wait().unwrap().is_none() && first.try_wait().unwrap().is_none(), "the others run on");
+    for child in [&mut first, &mut named] {
+        assert!(Plain::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+        ended_by_itself(child);
+    }
+}
+
+/// Inodes of the sockets that this process has open.
+fn sockets_of(pid: u32) -> Vec<String> {
+    let links =
+        fs::read_dir(format!("/proc/{pid}/fd")).unwrap().filter_map(|fd| fs::read_link(fd.unwrap().path()).ok());
+    let inode = |link: &str| Some(link.strip_prefix("socket:[")?.strip_suffix(']')?.to_owned());
+    links.filter_map(|link| inode(link.to_str()?)).collect()
+}
+
+#[test]
+fn without_being_told_to_a_run_opens_no_port_of_any_network() {
+    let folder = tempfile::tempdir().unwrap();
+    let secret = folder.path().join("secret");
+    fs::write(&secret, "a secret of a test, long enough").unwrap();
+    let mode = std::os::unix::fs::PermissionsExt::from_mode(0o600);
+    fs::set_permissions(&secret, mode).unwrap();
+    let secret = format!("robot.operator.secret_file=\"{}\"", secret.display());
+    let remote = ["--set", "robot.operator.source=udp:127.0.0.1:44409", "--set", &secret];
+    for (more, ports) in [(&[][..], 0), (&remote[..], 1)] {
+        let mut child = Plain::new(env!("CARGO_BIN_EXE_compass"))
+            .args([&["run", "--for", "1h", "--set", "rt.lock_memory=false"][..], more].concat())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(std::time::Duration::from_secs(2));
+        let ours = sockets_of(child.id());
+        let of_networks = ["tcp", "tcp6", "udp", "udp6", "raw", "raw6"].map(|kind| format!("/proc/net/{kind}"));
+        let inodes = |table: &String| -> Vec<String> {
+            let text = fs::read_to_string(table).unwrap_or_default();
+            text.lines().skip(1).filter_map(|line| Some(line.split_whitespace().nth(9)?.to_owned())).collect()
+        };
+        let open = of_networks.iter().flat_map(inodes).filter(|inode| ours.contains(inode)).count();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert!(!ours.is_empty() && open == ports, "{open} ports with {more:?}");
+    }
 }
 
 #[test]
