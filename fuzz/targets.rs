@@ -10,7 +10,9 @@ use compass::config;
 use compass::config::checked::{Config, Imu, ImuProtocol, Mocap, MocapSource};
 use compass::identify::experiment::Table;
 use compass::model::rig::Rig;
-use compass::msg::{BusFrame, BusHealth, CanFrame, DriveCommands, DriveFeedbacks, FrameBatch, ImuBatch, Status};
+use compass::msg::{
+    BusFrame, BusHealth, CanFrame, DriveCommands, DriveFeedbacks, DriveGoal, FrameBatch, ImuBatch, Status,
+};
 use compass::record::live::{Block, Parser, tick_of};
 use compass::record::scan::Scan;
 use compass::record::stream::{Assembled, Assembly, Stream};
@@ -32,7 +34,16 @@ pub type Target = (&'static str, fn(&[u8]), &'static [&'static [u8]]);
 
 /// All of them.
 pub const TARGETS: &[Target] = &[
-    ("can_line", can_line, &[&[1, 0x83, 0x05, 8, 0x60, 0x17, 0x10, 0, 0, 0, 0, 0]]),
+    (
+        "can_line",
+        can_line,
+        &[
+            &[0, 1, 0x83, 0x05, 8, 0x60, 0x17, 0x10, 0, 0, 0, 0, 0],
+            &[0, 1, 1, 0x07, 1, 0, 1, 0x81, 0x05, 8, 0x43, 0, 0x10, 0, 0x92, 1, 2, 0],
+            &[5, 1, 0x29, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0],
+            &[0x83, 1, 4, 4, 12, 0x24, 4, 0, 10, 0, 0, 0, 0, 0, 0, 0x22, 0],
+        ],
+    ),
     ("imu_gx3", imu_gx3, &[&[20, 0xFA, 0x75, 0xB4, 0xC4, 0xC2, 0, 0, 0xF4, 0x24, 2, 0x9E]]),
     ("imu_mip", imu_mip, &[&[20, 0x75, 0x65, 0x0C, 4, 4, 0xF1, 8, 0, 0xE7, 0xBA]]),
     ("assembly", assembly, &[&[0, 4, 0, 1, 0, 0]]),
@@ -58,24 +69,53 @@ fn timed<'a>(mut bytes: &'a [u8], piece: impl Fn(&[u8]) -> usize + 'a) -> impl I
     })
 }
 
-/// Frames from drives that do as they please, over up to a minute, on the bus of three CANopen drives.
+/// Robots whose drives speak every protocol that there is: `config/examples`.
+const ROBOTS: [&str; 7] = [
+    "",
+    include_str!("../config/examples/mit.toml"),
+    include_str!("../config/examples/mixed.toml"),
+    include_str!("../config/examples/moteus.toml"),
+    include_str!("../config/examples/myactuator.toml"),
+    include_str!("../config/examples/odrive.toml"),
+    include_str!("../config/examples/profile_torque.toml"),
+];
+
+/// Frames from drives that do as they please, over up to a minute, on a bus of the robot that the first byte names. The wire
+/// works: what was sent is echoed, unless a frame says otherwise.
 pub fn can_line(bytes: &[u8]) {
-    thread_local!(static CONFIG: Config = config::load(None, &[]).unwrap().config);
-    let mut line = CONFIG.with(|config| Line::new(&config.robot, 0, &config.real_time).unwrap());
+    thread_local!(static CONFIGS: Vec<Config> =
+        ROBOTS.map(|text| config::load_text("robot", text, &[]).unwrap().config).into());
+    let Some((robot, bytes)) = bytes.split_first() else { return };
+    let mut line = CONFIGS.with(|configs| {
+        let config = &configs[usize::from(robot & 0x7F) % configs.len()];
+        Line::new(&config.robot, usize::from(robot >> 7), &config.real_time).unwrap()
+    });
     let mut now = Stamp(1_000_000_000);
-    // Identifier, length, data.
-    for (wait, frame) in timed(bytes, |rest| 3 + usize::from(rest.get(2).copied().unwrap_or(0) % 9)) {
-        now += Span(wait.0 + 1_000_000);
+    let mut sent = FrameBatch::default();
+    // Identifier, length, data. The time before it is some milliseconds, or long enough for anything to be given up.
+    for (wait, frame) in timed(bytes, |rest| 3 + usize::from(rest.get(2).copied().unwrap_or(0) % 65)) {
+        now += if wait < Span::from_ms(0xF0) { Span(wait.0 / 16 + 1_000_000) } else { wait };
+        let [low, high, _, data @ ..] = frame else { continue };
         let mut received = FrameBatch::default();
-        if let [low, high, _, data @ ..] = frame {
-            let id = u32::from(*low) | u32::from(*high & 7) << 8 | u32::from(high >> 5) << 29;
-            received.push(BusFrame { stamp: now, frame: CanFrame::classic(id, data), own: high & 8 != 0 });
+        if high & 0x10 == 0 {
+            for ours in &sent {
+                received.push(BusFrame { stamp: now, own: true, ..ours });
+            }
         }
+        let id = u32::from(*low) | u32::from(*high & 7) << 8 | u32::from(high >> 6) << 30;
+        let frame = if data.len() > 8 { CanFrame::fd(id, data, 0x50) } else { CanFrame::classic(id, data) };
+        received.push(BusFrame { stamp: now, frame, own: high & 8 != 0 });
         let mut feedbacks = DriveFeedbacks::default();
         line.receive(now, now, &received, BusHealth::Active, &mut feedbacks);
-        let mut out = FrameBatch::default();
-        line.transmit(now, &DriveCommands::default(), &mut out);
-        assert_eq!(out.dropped, 0, "a cycle has room for what we send");
+        let mut commands = DriveCommands { stamp: now, ..DriveCommands::default() };
+        if high & 0x20 != 0 {
+            for drive in &mut commands.drives {
+                (drive.goal, drive.torque_permille) = (DriveGoal::Enabled, 100);
+            }
+        }
+        sent = FrameBatch::default();
+        line.transmit(now, &commands, &mut sent);
+        assert_eq!(sent.dropped, 0, "a cycle has room for what we send");
     }
 }
 
