@@ -141,7 +141,12 @@ fn noticed(row: &Row) -> String {
             names.push(name);
         }
     }
-    if names.is_empty() { "-".to_owned() } else { names.join(" or ") }
+    match (names.is_empty(), row.injection.entry.is_for(Place::Sim)) {
+        (false, _) => names.join(" or "),
+        (true, true) => "-".to_owned(),
+        // Kernel, disk and threads are measured there; the page has them in a table of their own.
+        (true, false) => "see \"In the guest\"".to_owned(),
+    }
 }
 
 #[cfg(test)]
