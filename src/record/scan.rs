@@ -202,12 +202,13 @@ impl<R: Read> Scan<R> {
         if length > LONGEST {
             return self.end(Ending::Damaged { at: start });
         }
-        self.body.resize(length as usize, 0);
-        match self.source.read_exact(&mut self.body) {
-            Ok(()) => self.at += length,
-            Err(error) if error.kind() == ErrorKind::UnexpectedEof => return self.end(Ending::Torn { at: start }),
-            Err(error) => return Err(error),
+        self.body.clear();
+        // As many as there are: a length that is made up takes no memory.
+        let count = (&mut self.source).take(length).read_to_end(&mut self.body)?;
+        if (count as u64) < length {
+            return self.end(Ending::Torn { at: start });
         }
+        self.at += length;
         Ok(Some(op))
     }
 
@@ -363,6 +364,16 @@ mod tests {
     fn foreign_and_empty_files_are_none() {
         assert!(Scan::new(&b"not an mcap file"[..]).unwrap().is_none());
         assert!(Scan::new(&b""[..]).unwrap().is_none());
+    }
+
+    /// 60 MB were taken and filled with zeros for a file of 20 bytes.
+    #[test]
+    fn a_length_that_is_made_up_takes_no_memory() {
+        let file = [&MAGIC[..], &[op::SCHEMA], &60_000_000_u64.to_le_bytes(), &[1; 3]].concat();
+        let mut scan = Scan::new(&file[..]).unwrap().unwrap();
+        assert!(scan.next_record().unwrap().is_none());
+        assert_eq!(scan.ending(), Some(Ending::Torn { at: 8 }));
+        assert!(scan.body.capacity() < 1 << 20, "{}", scan.body.capacity());
     }
 
     #[test]
