@@ -3,12 +3,13 @@
 //! RT: no.
 
 use crate::diagnose::likelihood::{Residuals, blocks, colours};
-use crate::identify::covariance::information;
+use crate::identify::covariance::{Knowledge, knowledge};
 use crate::identify::fit::{Fit, Limits, Point, fit};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
+use crate::identify::sampling::one_row_later;
 use crate::model::rig::Rig;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use std::sync::Arc;
 
 /// A fitted rig.
@@ -29,6 +30,9 @@ pub struct FittedModel {
     /// Inverse covariance of the shared parameters: the reduced normal matrix of the fit, or better once
     /// [`Self::with_intervals`] was asked.
     pub information: DMatrix<f64>,
+    /// How far the shared parameters move when commands act, or a sensor reads, a row later; empty until
+    /// [`Self::with_intervals`] was asked.
+    pub row_shifts: Vec<DVector<f64>>,
 }
 
 impl FittedModel {
@@ -50,7 +54,7 @@ impl FittedModel {
         let noise = colours(&residuals, floors, &problem.rig, problem.longest_memory);
         let likelihood = blocks(&residuals, &noise).iter().sum();
         let rig = problem.rig_at(&point.parameters);
-        Some(Self { rig, problem, point, residuals, noise, likelihood, information })
+        Some(Self { rig, problem, point, residuals, noise, likelihood, information, row_shifts: Vec::new() })
     }
 
     /// The same, its work counted with that of `other`.
@@ -76,13 +80,25 @@ impl FittedModel {
         Self::fitted(self.problem.clone(), self.point.clone(), noise, floors, limits)
     }
 
-    /// The same with the information that intervals need: for answers, not for every fit on the way (one linearisation).
+    /// The same with the information that intervals need: for answers, not for every fit on the way (one linearisation and a few runs).
     #[must_use]
     pub fn with_intervals(mut self) -> Self {
-        if let Some(better) = information(&self.problem, &self.point, &self.noise) {
-            self.information = better;
+        let changes = one_row_later(&self.problem, &self.point);
+        let widths: Vec<f64> = self.problem.bounds().iter().map(|b| b.max - b.min).collect();
+        let better = knowledge(&self.problem, &self.point, &self.noise, (&changes, &widths));
+        if let Some(Knowledge { information, shifts }) = better {
+            self.information = information;
+            self.row_shifts = shifts;
         }
         self
+    }
+
+    /// Samples that carry weight.
+    #[must_use]
+    pub fn samples(&self) -> usize {
+        let has_weight = |colour: &Colour| colour.sigma.is_finite();
+        let counted = self.residuals.iter().zip(&self.noise).filter(|(_, colour)| has_weight(colour));
+        counted.map(|(runs, _)| runs.iter().map(Vec::len).sum::<usize>()).sum()
     }
 
     /// Twice the log-likelihood per block under a given noise.
@@ -105,6 +121,7 @@ impl FittedModel {
             rig: self.rig.clone(),
             noise: self.noise.clone(),
             information: self.information.clone(),
+            row_shifts: self.row_shifts.clone(),
         }
     }
 

@@ -5,10 +5,10 @@
 use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::criterion::{Context, explained_part};
+use crate::diagnose::judge::numbers::FORM_SAMPLES;
 use crate::diagnose::judge::verdict::{Estimate, ParameterLine, Ranked};
 use crate::identify::identifiability::{Scaled, deviations, undetermined};
 use crate::identify::noise::median_abs;
-use crate::model::rig::{Scope, Slot};
 
 /// Free numbers of a hypothesis with their names and scales; numbers over decades are relative already.
 fn scaled(of: &FittedModel) -> Vec<Scaled> {
@@ -62,27 +62,26 @@ pub fn estimates(of: &FittedModel) -> Vec<(String, Estimate)> {
 
 /// Number `i` of a fit at `value`, of this deviation in the coordinate of the fit.
 ///
-/// Its deviation is what the residual shows. Its interval holds besides that a recording tells when only to a sample: a
-/// simulation that acts or reads half a step elsewhere is no other machine. So what is a time has the variance of an even
-/// density over one sample on top, whatever it is the time of.
+/// Its deviation is what the residual shows. Its interval holds besides what no residual shows:
+/// - No form is exact. Beyond [`FORM_SAMPLES`] more samples do not make it truer: the likelihood is coarsened (Miller and
+///   Dunson 2019), as it is in the threshold from which a mismatch counts.
+/// - A recording tells when only to a sample. That commands act, or a sensor reads, somewhere within a row has the variance
+///   of an even density, a twelfth of what a whole row does.
 fn estimate(of: &FittedModel, i: usize, value: f64, std: f64) -> Estimate {
-    let spread = if of.problem.logarithmic[i] { std * value } else { std };
+    let log = of.problem.logarithmic[i];
+    let form = 1.0 + of.samples() as f64 / FORM_SAMPLES;
+    let within_a_row = of.row_shifts.iter().map(|shift| shift[i] * shift[i]).sum::<f64>() / 12.0;
+    let whole = libm::sqrt(form * std * std + within_a_row);
     // Of what the data does not see, the value itself is the scale.
-    let spread = if spread.is_finite() { spread } else { value.abs() };
-    let sampling = if is_time(of, i) { step_s(of) / libm::sqrt(12.0) } else { 0.0 };
-    let whole = libm::hypot(spread, sampling);
-    let wide = if of.problem.logarithmic[i] && value > 0.0 {
-        Estimate::log_normal(value, whole / value)
-    } else {
-        Estimate::normal(value, whole)
+    let told = |deviation: f64| match (log, deviation.is_finite()) {
+        (true, true) => deviation * value,
+        (false, true) => deviation,
+        (_, false) => value.abs(),
     };
+    let (spread, whole) = (told(std), told(whole));
+    let wide =
+        if log && value > 0.0 { Estimate::log_normal(value, whole / value) } else { Estimate::normal(value, whole) };
     Estimate { std: spread, ..wide }
-}
-
-/// True if number `i` is in seconds.
-fn is_time(of: &FittedModel, i: usize) -> bool {
-    let Slot::Effect(Scope::Rig, e, k) = of.problem.theta.entries[i].slot else { return false };
-    of.problem.rig.effects.get(e).and_then(|effect| effect.kind.keys().get(k)).is_some_and(|key| key.unit == "s")
 }
 
 /// Median time between two rows of the recordings that were fitted, s.

@@ -5,6 +5,9 @@
 //! the slow noise along, so the residual shows less than there was; and a residual that is misfit rather than noise stays
 //! correlated after whitening. The first two are factors; for the third the scores are summed over blocks of time: where
 //! they scatter more than independent samples would, that scatter counts (sandwich, Liang and Zeger 1986).
+//!
+//! What no residual shows is an error that the numbers take along. [`Knowledge::shifts`] tells for given changes of the
+//! predictions how far the minimum moves: `-(J'J)^-1 J'd`, states following.
 //! RT: no.
 
 use crate::identify::fit::{FreeRuns, Point, Series, present};
@@ -36,37 +39,67 @@ struct Channel {
     count: f64,
     /// Independent samples that the mean of this residual is worth.
     effective: f64,
+    /// `J'd` of each change of the predictions, whitened.
+    pulls: Vec<DVector<f64>>,
 }
 
-/// Inverse covariance of the shared parameters at the minimum `at` of a fit under `noise`; `None` if a run leaves the
-/// finite numbers.
+/// A change of all predictions: per window, per channel, row by row.
+pub type Change = Vec<Vec<Vec<f64>>>;
+
+/// What a fit knows of its shared parameters.
+#[derive(Clone, Debug)]
+pub struct Knowledge {
+    /// Inverse covariance, by what the residual shows.
+    pub information: DMatrix<f64>,
+    /// How far the minimum moves under each change of the predictions.
+    pub shifts: Vec<DVector<f64>>,
+}
+
+/// Inverse covariance of the shared parameters at the minimum `at` of a fit under `noise`, and how far it moves under
+/// `changes`. `widths`: of the parameters' ranges, which no shift leaves. `None` if a run leaves the finite numbers.
 #[must_use]
-pub fn information(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option<DMatrix<f64>> {
+pub fn knowledge(
+    runs: &impl FreeRuns,
+    at: &Point,
+    noise: &[Colour],
+    (changes, widths): (&[Change], &[f64]),
+) -> Option<Knowledge> {
     let shared = at.parameters.len();
     let swept = |w: usize| runs.run(w, &at.parameters, &at.states[w], true);
     let windows: Vec<Vec<Series>> = (0..runs.windows()).into_par_iter().map(swept).collect::<Option<_>>()?;
     let rows: usize = windows.iter().map(|w| w.first().map_or(0, |s| s.residual.len())).sum();
     let block = (rows / BLOCKS).max(SHORTEST);
-    let sums = |channels: Vec<Series>| -> Vec<Channel> {
-        let pairs = channels.into_iter().zip(noise);
-        pairs.map(|(series, colour)| Channel::of(series, colour, block)).collect()
+    let sums = |(w, channels): (usize, Vec<Series>)| -> Vec<Channel> {
+        let changed = |c: usize| changes.iter().map(|change| change[w][c].as_slice()).collect::<Vec<_>>();
+        let pairs = channels.into_iter().zip(noise).enumerate();
+        pairs.map(|(c, (series, colour))| Channel::of(series, colour, block, &changed(c))).collect()
     };
-    let windows: Vec<Vec<Channel>> = windows.into_par_iter().map(sums).collect();
+    let windows: Vec<Vec<Channel>> = windows.into_par_iter().enumerate().map(sums).collect();
     // Decompositions do not end on numbers that are not finite: a derivative at a corner may be none.
     if !windows.iter().flatten().all(Channel::is_finite) {
         return None;
     }
     let factors: Vec<(f64, f64)> = (0..noise.len()).map(|c| robust_factors(&windows, c)).collect();
     let (mut total, mut scores) = (DMatrix::zeros(shared, shared), Vec::new());
+    let mut pulls = vec![DVector::zeros(shared); changes.len()];
     for channels in &windows {
-        let (square, blocks) = without_states(channels, &factors, shared);
-        total += square;
-        scores.extend(blocks);
+        let own = without_states(channels, &factors, shared);
+        total += own.square;
+        scores.extend(own.blocks);
+        pulls.iter_mut().zip(&own.pulls).for_each(|(sum, pull)| *sum += pull);
     }
+    let within = DVector::from_iterator(shared, widths.iter().map(|w| 12.0 / (w * w)));
+    let shifts = if pulls.is_empty() { Vec::new() } else { shifts(&total, &within, &pulls) };
     let fitted = shared + at.states.iter().map(Vec::len).sum::<usize>();
     let effective: f64 = windows.iter().flatten().map(|c| c.effective).sum();
     total *= (1.0 - fitted as f64 / effective.max(1.0)).max(LEAST_LEFT);
-    Some(scattered(&total, &scores))
+    Some(Knowledge { information: scattered(&total, &scores), shifts })
+}
+
+/// Where the minimum goes under each pull, of numbers that are known beforehand to lie `within` their ranges.
+fn shifts(square: &DMatrix<f64>, within: &DVector<f64>, pulls: &[DVector<f64>]) -> Vec<DVector<f64>> {
+    let inverse = pseudo_inverse(square + DMatrix::from_diagonal(within));
+    pulls.iter().map(|pull| -(&inverse * pull)).collect()
 }
 
 /// Fitting never takes more than this part away from what a residual shows of its noise.
@@ -74,10 +107,11 @@ const LEAST_LEFT: f64 = 0.25;
 
 impl Channel {
     fn is_finite(&self) -> bool {
-        self.square.iter().chain(self.blocks.iter().flat_map(|b| b.iter())).all(|x| x.is_finite())
+        let vectors = self.blocks.iter().chain(&self.pulls).flat_map(|v| v.iter());
+        self.square.iter().chain(vectors).all(|x| x.is_finite())
     }
 
-    fn of(mut series: Series, colour: &Colour, block: usize) -> Self {
+    fn of(mut series: Series, colour: &Colour, block: usize, changes: &[&[f64]]) -> Self {
         let n = series.slopes.len();
         let mut out = Self {
             square: DMatrix::zeros(n, n),
@@ -86,6 +120,7 @@ impl Channel {
             slope_squared: 0.0,
             count: 0.0,
             effective: 0.0,
+            pulls: vec![DVector::zeros(n); changes.len()],
         };
         if !(colour.sigma.is_finite() && colour.sigma > 0.0) {
             return out;
@@ -94,6 +129,8 @@ impl Channel {
         let length = series.residual.len();
         colour.whiten(&mut series.residual, &rows);
         series.slopes.iter_mut().for_each(|slope| colour.whiten(slope, &rows));
+        let mut changes: Vec<Vec<f64>> = changes.iter().map(|change| change.to_vec()).collect();
+        changes.iter_mut().for_each(|change| colour.whiten(change, &rows));
         out.blocks = vec![DVector::zeros(n); (length / block).max(1)];
         out.effective = rows.len() as f64 * colour.independent_part();
         for k in rows {
@@ -106,6 +143,7 @@ impl Channel {
             out.square.ger(1.0, &j, &j, 1.0);
             let last = out.blocks.len() - 1;
             out.blocks[(k / block).min(last)].axpy(psi, &j, 1.0);
+            out.pulls.iter_mut().zip(&changes).for_each(|(pull, change)| pull.axpy(change[k], &j, 1.0));
         }
         out
     }
@@ -121,26 +159,39 @@ fn robust_factors(windows: &[Vec<Channel>], c: usize) -> (f64, f64) {
     (part, part / bend)
 }
 
-/// Information and block scores of the shared parameters of one window once its states follow them.
-fn without_states(channels: &[Channel], factors: &[(f64, f64)], shared: usize) -> (DMatrix<f64>, Vec<DVector<f64>>) {
+/// Of the shared parameters of one window, once its states follow them.
+struct Own {
+    square: DMatrix<f64>,
+    blocks: Vec<DVector<f64>>,
+    pulls: Vec<DVector<f64>>,
+}
+
+fn without_states(channels: &[Channel], factors: &[(f64, f64)], shared: usize) -> Own {
     let n = channels.first().map_or(shared, |c| c.square.nrows());
-    let count = channels.iter().map(|c| c.blocks.len()).max().unwrap_or(0);
-    let (mut square, mut blocks) = (DMatrix::zeros(n, n), vec![DVector::zeros(n); count]);
+    let count = |of: fn(&Channel) -> usize| channels.iter().map(of).max().unwrap_or(0);
+    let zeros = |count: usize| vec![DVector::zeros(n); count];
+    let (mut square, mut blocks) = (DMatrix::zeros(n, n), zeros(count(|c| c.blocks.len())));
+    let mut pulls = zeros(count(|c| c.pulls.len()));
     for (channel, (part, score)) in channels.iter().zip(factors) {
         square += &channel.square * *part;
         for (sum, block) in blocks.iter_mut().zip(&channel.blocks) {
             sum.axpy(*score, block, 1.0);
         }
+        for (sum, pull) in pulls.iter_mut().zip(&channel.pulls) {
+            sum.axpy(*part, pull, 1.0);
+        }
     }
     let states = n - shared;
     if states == 0 {
-        return (square, blocks);
+        return Own { square, blocks, pulls };
     }
     let xx = square.view((shared, shared), (states, states)).into_owned();
     let follows = square.view((0, shared), (shared, states)) * pseudo_inverse(xx);
     let own = square.view((0, 0), (shared, shared)) - &follows * square.view((shared, 0), (states, shared));
-    let scores = blocks.iter().map(|b| b.rows(0, shared) - &follows * b.rows(shared, states)).collect();
-    (own, scores)
+    let followed = |all: &[DVector<f64>]| -> Vec<DVector<f64>> {
+        all.iter().map(|v| v.rows(0, shared) - &follows * v.rows(shared, states)).collect()
+    };
+    Own { square: own, blocks: followed(&blocks), pulls: followed(&pulls) }
 }
 
 fn pseudo_inverse(a: DMatrix<f64>) -> DMatrix<f64> {

@@ -1,7 +1,7 @@
 //! L6: system identification by simulation error: rigs, recordings, free runs with sensitivities, fits.
 //!
 //! [`experiment`] reads a case, [`theta`] lists what is uncertain, [`rollout`] runs free and differentiates, [`fit`]
-//! fits, [`covariance`] says how sure the numbers are, [`identifiability`] what the data determines; [`units`] refuses
+//! fits, [`covariance`] says how sure the numbers are, [`sampling`] what instants to a sample leave open, [`identifiability`] what the data determines; [`units`] refuses
 //! readings in degrees.
 //! RT: no.
 
@@ -17,6 +17,7 @@ pub mod identifiability;
 pub mod noise;
 pub mod problem;
 pub mod rollout;
+pub mod sampling;
 pub mod synthesis;
 pub mod thesis;
 pub mod theta;

@@ -208,6 +208,15 @@ impl Problem {
         self.rollout(window, &theta).arrived(0, &at.states[window]).ok()?
     }
 
+    /// What each sensor reads in the run of one window, missing samples as well; `None` if the run fails.
+    #[must_use]
+    pub fn readings(&self, window: usize, at: &Point) -> Option<Vec<Vec<f64>>> {
+        let theta = Theta { values: self.values(&at.parameters), ..self.theta.clone() };
+        let mut out = Readings::default();
+        self.rollout(window, &theta).simulate(0, &at.states[window], &mut out).ok()?;
+        out.channels.iter().flatten().all(|y| y.is_finite()).then_some(out.channels)
+    }
+
     /// Brings the states of `point` to the length that this problem's rig has: new inner states start as guessed.
     #[must_use]
     pub fn adapted(&self, point: &Point) -> Vec<Vec<f64>> {

@@ -6,6 +6,10 @@ use crate::identify::noise::estimate;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+fn information(runs: &impl FreeRuns, at: &Point, noise: &[Colour]) -> Option<DMatrix<f64>> {
+    knowledge(runs, at, noise, (&[], &vec![20.0; at.parameters.len()])).map(|k| k.information)
+}
+
 /// Three releases of a damped swing, `x0 exp(-a t) cos(w t) + b`, read by one sensor; a, w and b are shared, x0 is not.
 struct Swing(Vec<Vec<f64>>);
 
@@ -138,4 +142,20 @@ fn a_number_without_effect_has_no_information_and_spoils_no_other() {
     let at = Point { parameters: vec![0.0, 3.0], states: vec![Vec::new()] };
     let found = information(&Blind, &at, &[Colour::white(1.0)]).unwrap();
     assert!((found[(0, 0)] / 500.0 - 0.97).abs() < 0.1 && found[(1, 1)] < 1e-6, "{found}");
+}
+
+#[test]
+fn a_change_of_the_predictions_that_a_number_can_make_moves_that_number_back_and_no_other() {
+    let at = Point { parameters: TRUTH.to_vec(), states: RELEASED.iter().map(|x| vec![*x]).collect() };
+    let still = RELEASED.iter().map(|x| (0..ROWS).map(|k| swing(&TRUTH, *x, time_s(k))).collect()).collect();
+    let runs = Swing(still);
+    // As if the second number were .001 larger, and as if another release had been seen.
+    let slope = |w: usize, i: usize| runs.run(w, &TRUTH, &at.states[w], true).unwrap().remove(0).slopes.swap_remove(i);
+    let change =
+        |i: usize| -> Change { (0..3).map(|w| vec![slope(w, i).iter().map(|s| 0.001 * s).collect()]).collect() };
+    let changes = [change(1), change(3)];
+    let found = knowledge(&runs, &at, &[Colour::white(0.01)], (&changes, &[1e3; 3])).unwrap();
+    let [number, state] = &found.shifts[..] else { panic!("{:?}", found.shifts) };
+    assert!((number[1] + 0.001).abs() < 1e-8 && number[0].abs() < 1e-8 && number[2].abs() < 1e-8, "{number}");
+    assert!(state.amax() < 1e-8, "the windows' states take it: {state}");
 }
