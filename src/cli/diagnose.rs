@@ -1,6 +1,7 @@
 //! `compass diagnose CASE`: what physics is missing in a simulation. RT: no.
 
 use super::{Outcome, Run, progress, warn};
+use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
 use crate::diagnose::own::OwnCase;
 use crate::diagnose::pipeline::{Answer, Options, diagnose};
@@ -15,7 +16,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  compass diagnose cases/real/emps
+  compass diagnose cases/pendulum
   compass diagnose my_case --out answer     diagnosis.json, model.toml and report.html in answer/
   compass diagnose --own REC.mcap --out answer
       the robot itself: recordings of `compass run` or `sim` against the model that its controller used; the case that
@@ -39,6 +40,9 @@ pub(crate) struct Args {
     /// Smallest part of the misfit that an effect removes when it matters, 0 to 1; what is smaller is listed as seen
     #[arg(long, value_name = "PART", default_value_t = LEAST_SHARE, value_parser = part)]
     least: f64,
+    /// Write every comparison of the judge, by its rules and by the evidence that stands beside them, as lines of JSON
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
     /// Tells each stage on stderr
     #[arg(long, short)]
     verbose: bool,
@@ -66,6 +70,9 @@ impl Run for Args {
         let answer = diagnose(&experiment, options, tell)?;
         spinner.finish_and_clear();
         self.write(&answer)?;
+        if let Some(path) = &self.trace {
+            fs::write(path, lines(&answer.comparisons)?).with_context(|| path.display().to_string())?;
+        }
         let diagnosis = &answer.findings.diagnosis;
         let mut out = io::stdout().lock();
         writeln!(out, "{}", answer.findings.headline)?;
@@ -75,6 +82,12 @@ impl Run for Args {
         warn::further(&answer.findings.warnings, &experiment.recordings)?;
         Ok(if diagnosis.verdict.is_mismatch() { Outcome::Finding } else { Outcome::Fine })
     }
+}
+
+/// A line of JSON for each comparison.
+fn lines(comparisons: &[Comparison]) -> anyhow::Result<String> {
+    let lines: Vec<String> = comparisons.iter().map(serde_json::to_string).collect::<Result<_, _>>()?;
+    Ok(lines.iter().map(|line| line.clone() + "\n").collect())
 }
 
 impl Args {

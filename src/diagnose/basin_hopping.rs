@@ -162,6 +162,7 @@ fn moved(problem: &Problem, from: &Point, step: &DVector<f64>) -> Point {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::evidence::Ledger;
     use crate::identify::experiment::Recording;
     use crate::identify::synthesis::record;
     use crate::model::rig::Rig;
@@ -183,7 +184,14 @@ mod tests {
         let blank = Recording::new("free.csv", times, Vec::new(), vec![vec![0.0; 1500]]);
         let measured = record(&leg(0.0012, 0.0061), &blank, &[0.9, 0.0], Some(3)).unwrap().measured;
         let recording = Recording { measured, ..blank };
-        let context = Context { floors: vec![0.002], samples: 1500, given: 1, is_trapped: false, seed: 1 };
+        let context = Context {
+            floors: vec![0.002],
+            samples: 1500,
+            given: 1,
+            is_trapped: false,
+            seed: 1,
+            ledger: Ledger::default(),
+        };
         let mut stuck = 0;
         for (viscous, coulomb) in [(0.0021, 0.0040), (0.0004, 0.0090), (0.0030, 0.0020)] {
             let problem = Problem::new(leg(viscous, coulomb), vec![recording.clone()]);

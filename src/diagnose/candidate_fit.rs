@@ -75,6 +75,7 @@ pub(crate) mod worked {
     use crate::diagnose::candidates::Candidate;
     use crate::diagnose::fitted_model::FittedModel;
     use crate::diagnose::judge::criterion::Context;
+    use crate::diagnose::judge::evidence::Ledger;
     use crate::identify::fit::Limits;
     use crate::identify::noise::Colour;
     use crate::identify::problem::Problem;
@@ -99,7 +100,14 @@ pub(crate) mod worked {
         let blank = Problem::shaken(RIG, None, vec![0.0; 200]).recordings[0].clone();
         let truth = Rig::parse(&format!("{RIG}{hidden}"), "truth").unwrap();
         let measured = record(&truth, &blank, &[0.3, 0.0], Some(7)).unwrap().measured.swap_remove(0);
-        let context = Context { floors: vec![1e-5], samples: 200, given: 1, is_trapped: false, seed: 1 };
+        let context = Context {
+            floors: vec![1e-5],
+            samples: 200,
+            given: 1,
+            is_trapped: false,
+            seed: 1,
+            ledger: Ledger::default(),
+        };
         Shown { context, problem: Hidden(measured) }
     }
 

@@ -185,6 +185,7 @@ fn together(a: &FittedModel, b: &FittedModel) -> Residuals {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::evidence::Ledger;
     use crate::identify::experiment::Recording;
     use crate::identify::synthesis::record;
     use crate::model::rig::Rig;
@@ -223,7 +224,14 @@ mod tests {
 
     fn fitted(measured: &[f64], effects: &str) -> (FittedModel, Context) {
         let problem = Problem::shaken(&pendulum(0.011, 0.38, effects), None, measured.to_vec());
-        let context = Context { floors: vec![1e-5], samples: 200, given: 0, is_trapped: false, seed: 1 };
+        let context = Context {
+            floors: vec![1e-5],
+            samples: 200,
+            given: 0,
+            is_trapped: false,
+            seed: 1,
+            ledger: Ledger::default(),
+        };
         let (start, limits) = (problem.start(), Limits { iterations: 30, tolerance: 1e-8 });
         (FittedModel::fitted(problem, start, &[Colour::white(0.001)], &context.floors, limits).unwrap(), context)
     }

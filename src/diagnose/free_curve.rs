@@ -115,6 +115,7 @@ impl FreeCurve {
 mod tests {
     use super::*;
     use crate::diagnose::base::{fitted, floors};
+    use crate::diagnose::judge::evidence::Ledger;
     use crate::diagnose::likelihood::samples;
     use crate::diagnose::linearise::ltv_windows;
     use crate::identify::experiment::Recording;
@@ -156,7 +157,7 @@ mod tests {
         let floors = floors(truth, &pooled, &all);
         let [base, found] = [&[][..], ripples].map(|r| fitted(&rig(r, true), &all, &pooled, &floors).unwrap());
         let samples = samples(&base.residuals, &floors);
-        let context = Context { floors, samples, given: 1, is_trapped: false, seed: 0 };
+        let context = Context { floors, samples, given: 1, is_trapped: false, seed: 0, ledger: Ledger::default() };
         let curve = FreeCurve::fitted(&base, 0, &ltv_windows(&base).unwrap(), &context).unwrap();
         let more = curve.says_more_than(&found, &base, &context);
         (curve, more)

@@ -14,6 +14,7 @@ use crate::diagnose::initial_guesses::candidates;
 use crate::diagnose::input_checks::{at_bounds, contradicted, suspicions};
 use crate::diagnose::interest::{Kept, split_by_interest, undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, explained_part};
+use crate::diagnose::judge::evidence::{Comparison, Ledger};
 use crate::diagnose::judge::numbers::{LEAST_SHARE, LONGEST_MEMORY};
 use crate::diagnose::judge::verdict::{
     Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, is_far_beyond_chance, may_have_missed, refit_is_needed,
@@ -79,6 +80,8 @@ pub struct Answer {
     pub findings: Findings,
     /// The rig with fitted numbers and the effects that were found.
     pub model: Rig,
+    /// What the judge compared, by the rules and by the evidence.
+    pub comparisons: Vec<Comparison>,
 }
 
 /// What is asked of a diagnosis beside the case.
@@ -118,7 +121,7 @@ pub fn diagnose(
     let mut findings = answer.findings(&clean, &start.context, &last, warnings)?;
     findings.warnings.extend(contradicted(&findings.diagnosis.fit));
     findings.diagnosis.seconds = began.elapsed().as_secs_f64();
-    Ok(Answer { findings, model: answer.model(experiment) })
+    Ok(Answer { findings, model: answer.model(experiment), comparisons: start.context.ledger.all() })
 }
 
 /// What a search starts from.
@@ -147,6 +150,7 @@ impl Start {
             is_trapped: is_trapped(&base, experiment),
             floors,
             seed: options.seed,
+            ledger: Ledger::default(),
         };
         said(&format!("noise {:.3?}", base.noise));
         for (name, of) in estimates(&base) {

@@ -4,6 +4,7 @@
 //! RT: no.
 
 use super::criterion::{Context, compare, detection_threshold};
+use super::evidence::{Comparison, Evidence};
 use super::flexibility::is_overly_flexible;
 use super::numbers::{
     AT_BOUND, BEYOND_DOUBT, FURTHER, FURTHER_ALONE, FURTHER_IN_MISFIT, KEPT, KEPT_OF_MUCH, LEAST_SWINGS, MUCH, NEARLY,
@@ -114,6 +115,29 @@ pub fn is_accepted(
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> bool {
+    let by_rule = obeys_the_rules(now, (trial, all), explained, kept, context, said);
+    let evidence = Evidence::over(now, &trial.hypothesis, trial.gain, all.len());
+    context.ledger.note(Comparison {
+        question: "accept",
+        effect: trial.candidate.effect.to_owned(),
+        at: trial.candidate.at.clone(),
+        against: None,
+        gain: trial.gain,
+        by_rule,
+        by_evidence: evidence.total() > 0.0,
+        evidence,
+    });
+    by_rule
+}
+
+fn obeys_the_rules(
+    now: &FittedModel,
+    (trial, all): (&CandidateFit, &[CandidateFit]),
+    explained: f64,
+    kept: impl FnOnce() -> Option<f64>,
+    context: &Context,
+    said: &mut dyn FnMut(&str),
+) -> bool {
     if !explains_enough(now, (trial, all), explained, context) {
         return false;
     }
@@ -165,11 +189,19 @@ pub fn has_slack_spring(rig: &Rig, given: usize, window_s: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::evidence::Ledger;
     use crate::diagnose::judge::worked::trial;
 
     #[test]
     fn a_push_is_no_piece_of_a_vibration() {
-        let context = Context { floors: vec![1e-3], samples: 1000, given: 0, is_trapped: false, seed: 1 };
+        let context = Context {
+            floors: vec![1e-3],
+            samples: 1000,
+            given: 0,
+            is_trapped: false,
+            seed: 1,
+            ledger: Ledger::default(),
+        };
         let mut push = trial("external_push", 2, 400.0);
         push.candidate.only = Some("a.csv".into());
         let ringing = |push: &CandidateFit, damping: f64, gain: f64| {

@@ -4,7 +4,8 @@
 
 use super::accept::is_at_bound;
 use super::criterion::{Context, compare};
-use super::numbers::{APART, FORM, FORM_AT_MOST, FORM_IN_MISFIT, LEAST_WEIGHT, MEMBER_GAIN, ONE_NUMBER};
+use super::evidence::{Comparison, Evidence};
+use super::numbers::{APART, FORM, FORM_AT_MOST, FORM_IN_MISFIT, LEAST_WEIGHT, MEMBER_GAIN, OCCAM_WINDOW, ONE_NUMBER};
 use super::simplicity::LIMITS_OF;
 use crate::diagnose::candidate_fit::CandidateFit;
 use crate::diagnose::fitted_model::FittedModel;
@@ -34,6 +35,19 @@ pub fn weight_in_set(
         trial.candidate.has_inner_states() && trial.hypothesis.rig.effects.get(place).is_some_and(is_at_bound);
     let is_member =
         is_inseparable(lead, gain, exact, events) && comparable && !cut_off && trial.gain > MEMBER_GAIN * gain;
+    if trial.hypothesis.rig.effects.len() == winner.rig.effects.len() {
+        let evidence = Evidence::over(&trial.hypothesis, winner, lead.total, 0);
+        context.ledger.note(Comparison {
+            question: "member",
+            effect: trial.candidate.effect.to_owned(),
+            at: trial.candidate.at.clone(),
+            against: Some(format!("{}@{}", mine.id(), winner.rig.effects[place].at)),
+            gain: -lead.total,
+            by_rule: is_member,
+            by_evidence: evidence.total() < OCCAM_WINDOW,
+            evidence,
+        });
+    }
     is_member.then(|| weight(lead, gain))
 }
 

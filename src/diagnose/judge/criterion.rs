@@ -2,6 +2,7 @@
 //!
 //! RT: no.
 
+use super::evidence::Ledger;
 use super::numbers::{LEAST_GAIN, LEAST_GAIN_PER_SAMPLE, LEAST_PROMISE};
 use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::likelihood::{Difference, difference};
@@ -19,6 +20,8 @@ pub struct Context {
     pub is_trapped: bool,
     /// Seed of the bootstraps.
     pub seed: u64,
+    /// What was compared, for `--trace`.
+    pub ledger: Ledger,
 }
 
 /// Rise of twice the log-likelihood from which `numbers` more numbers are worth calling a mismatch: a penalised likelihood
@@ -57,7 +60,7 @@ mod tests {
     use super::*;
 
     fn context(samples: usize, is_trapped: bool) -> Context {
-        Context { floors: vec![1e-3], samples, given: 0, is_trapped, seed: 1 }
+        Context { floors: vec![1e-3], samples, given: 0, is_trapped, seed: 1, ledger: Ledger::default() }
     }
 
     #[test]

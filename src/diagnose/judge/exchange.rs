@@ -4,6 +4,7 @@
 
 use super::accept::is_significant;
 use super::criterion::{Context, compare, detection_threshold};
+use super::evidence::{Comparison, Evidence};
 use super::numbers::{CLEAR_LEAD, NOT_ITS_OWN, SIMPLER};
 use super::simplicity::LIMITS_OF;
 use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect};
@@ -22,7 +23,20 @@ pub fn takes_its_place(
 ) -> bool {
     let richer = LIMITS_OF.contains(&(added.candidate.effect, rival.candidate.effect));
     let least = if richer { (1.0 - SIMPLER) * kept } else { 0.0 };
-    compare(found, &rival.hypothesis, context).total < -least.max(CLEAR_LEAD)
+    let gain = -compare(found, &rival.hypothesis, context).total;
+    let by_rule = gain > least.max(CLEAR_LEAD);
+    let evidence = Evidence::over(found, &rival.hypothesis, gain, 0);
+    context.ledger.note(Comparison {
+        question: "exchange",
+        effect: rival.candidate.effect.to_owned(),
+        at: rival.candidate.at.clone(),
+        against: Some(format!("{}@{}", added.candidate.effect, added.candidate.at)),
+        gain,
+        by_rule,
+        by_evidence: evidence.total() > 0.0,
+        evidence,
+    });
+    by_rule
 }
 
 /// True if an effect earns its place in the company of the others. `gain`: over the model without it, fitted again.
@@ -48,6 +62,7 @@ pub fn only_freed_the_fit(before: f64, with: f64, without: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::evidence::Ledger;
     use crate::diagnose::judge::worked::trial;
 
     #[test]
@@ -57,7 +72,14 @@ mod tests {
 
     #[test]
     fn an_effect_stays_that_gains_enough_in_every_part_of_the_recordings() {
-        let context = Context { floors: vec![1e-3], samples: 1000, given: 0, is_trapped: false, seed: 1 };
+        let context = Context {
+            floors: vec![1e-3],
+            samples: 1000,
+            given: 0,
+            is_trapped: false,
+            seed: 1,
+            ledger: Ledger::default(),
+        };
         let lag = trial("actuator_lag", 1, 0.0).candidate;
         let gain = |total: f64, low: f64| Difference { total, low, high: 2.0 * total, std: 1.0 };
         assert!(earns_its_place(&lag, gain(100.0, 10.0), &context));

@@ -11,6 +11,7 @@
 //! | [`flexibility`] | or does it fit a piece of anything? |
 //! | [`simplicity`] | which of two that explain as much comes first? |
 //! | [`exchange`] | does another effect take its place, does it stay at all? |
+//! | [`evidence`] | what would one evidence say in place of the rules? (in shadow) |
 //! | [`continuity`] | are its hidden states those of one machine? |
 //! | [`credible_set`] | what do the data not tell apart from it? |
 //! | [`nameless`] | does a force without a name say more than all that was named? |
@@ -23,6 +24,7 @@ pub mod accept;
 pub mod continuity;
 pub mod credible_set;
 pub mod criterion;
+pub mod evidence;
 pub mod exchange;
 pub mod flexibility;
 pub mod nameless;

@@ -109,9 +109,10 @@ pub fn curve_is_ahead(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::evidence::Ledger;
 
     fn context(samples: usize) -> Context {
-        Context { floors: vec![1e-3], samples, given: 0, is_trapped: false, seed: 1 }
+        Context { floors: vec![1e-3], samples, given: 0, is_trapped: false, seed: 1, ledger: Ledger::default() }
     }
 
     #[test]

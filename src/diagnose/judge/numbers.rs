@@ -11,6 +11,12 @@
 pub const LEAST_GAIN: f64 = 60.0;
 /// The same per sample. *Measured:* rounding and solvers of other simulators bring up to .025 on healthy cases.
 pub const LEAST_GAIN_PER_SAMPLE: f64 = 0.02;
+/// Samples beyond which more of them make no form truer: where the two limits above meet. *Derived.*
+pub const FORM_SAMPLES: f64 = LEAST_GAIN / LEAST_GAIN_PER_SAMPLE;
+/// Prior odds that a kind of term is missing, for the evidence. *Derived:* two cases of three lack something, one of 33 kinds.
+pub const TERM_ODDS: f64 = 2.0 / 3.0 / 33.0;
+/// Twice the logarithm of the odds beyond which a model is out of Occam's window. *By definition:* 20 to 1 (Madigan and Raftery 1994).
+pub const OCCAM_WINDOW: f64 = 5.991_464_547_107_98;
 /// Part of the threshold below which the best promise of a linear step is not worth a round of fits. *Argued:* a step promises a
 /// half at least of what a fit brings where the law is not bent.
 pub const LEAST_PROMISE: f64 = 0.4;

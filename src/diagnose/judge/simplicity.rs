@@ -55,10 +55,18 @@ fn penalty(trial: &CandidateFit, context: &Context) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::evidence::Ledger;
     use crate::diagnose::judge::worked::trial;
 
     fn order(mut trials: Vec<CandidateFit>) -> Vec<&'static str> {
-        let context = Context { floors: vec![1e-3], samples: 1000, given: 0, is_trapped: false, seed: 1 };
+        let context = Context {
+            floors: vec![1e-3],
+            samples: 1000,
+            given: 0,
+            is_trapped: false,
+            seed: 1,
+            ledger: Ledger::default(),
+        };
         order_by_penalised_gain(&mut trials, &context);
         trials.iter().map(|t| t.candidate.effect).collect()
     }
