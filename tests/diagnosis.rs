@@ -151,3 +151,18 @@ fn shared_cases_are_answered_as_known() {
         assert_eq!(named(&answer), wanted, "{case}");
     }
 }
+
+#[test]
+fn the_case_that_comes_with_the_program_lacks_the_drag_that_another_simulator_hid() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/pendulum");
+    let answer = diagnose(&Experiment::load(&folder).unwrap(), Options::default(), |_| {}).unwrap();
+    let found = &answer.findings.diagnosis;
+    assert_eq!(found.verdict, Verdict::Explained);
+    let drag = found.missing[0].one_of.first().filter(|m| m.effect == "quadratic_drag").unwrap();
+    // MuJoCo, Runge-Kutta, 2026-11-24: 0.20303 hidden.
+    let told = drag.parameters["quadratic"];
+    assert!(told.low < 0.20303 && 0.20303 < told.high && told.high - told.low < 0.01, "{told:?}");
+    // The first question of the search, by the rules and by the evidence beside them.
+    let first = answer.comparisons.iter().find(|c| c.question == "accept").unwrap();
+    assert!(first.effect == "quadratic_drag" && first.by_rule && first.by_evidence, "{first:?}");
+}

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  compass identify cases/real/emps
+  compass identify cases/pendulum
   compass identify my_case --out fitted     model.toml, identified.json and report.html in fitted/
   compass identify my_case --add backlash@q1 --add actuator_lag      what a fit with these effects comes to
 

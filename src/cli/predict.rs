@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  compass predict cases/real/sydney_pendulum_inner/rig.toml            all recordings beside the rig
+  compass predict cases/pendulum/rig.toml            all recordings beside the rig
   compass predict model.toml run_c.csv --out run_c_predicted.csv       one; a plot goes beside: run_c_predicted.svg
   compass predict answer/model.toml REC.mcap --setup inner_stance --window-s 0.5      a recording of the robot itself
 

@@ -13,8 +13,8 @@ use crate::trial::score::{CaseMark, Row, RunEnd, Runner, case_table, row, totals
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  compass score cases/blind-dev --truth cases/blind-dev-truth
-  compass score cases/real --truth cases/real-expected --answers /tmp/answers --reuse --only sydney")]
+  compass score CASES --truth DIR
+  compass score CASES --truth DIR --answers /tmp/answers --reuse --only pendulum")]
 pub(crate) struct Args {
     /// Folder of case folders, or one case folder.
     cases: PathBuf,

@@ -24,7 +24,7 @@ Examples:
   compass trial --cases 12 --seed 7 --out /tmp/trial           a few minutes
   compass trial --cases 12 --seed 7 --out /tmp/trial --resume  after an interruption: the same truth, answers kept
   compass trial --write-only --healthy --cases 100 --seed 1 --out /tmp/healthy   (cases and open truth, for calibration)
-  compass trial --resplit cases/real --truth cases/real-expected --variants 6 --out /tmp/hardware
+  compass trial --resplit CASES --truth DIR --variants 6 --out /tmp/hardware
                                                                the same call again goes on after an interruption")]
 pub(crate) struct Args {
     /// Number of cases.
