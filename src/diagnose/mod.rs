@@ -26,6 +26,15 @@
 //! | nothing of the library? | a free force ahead of all that was listed | [`judge::nameless`] |
 //! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
 //!
+//! Beside these rules stands one evidence, [`judge::evidence`]: a likelihood whose form is not exact, less what its numbers and the
+//! search cost. It is computed at every acceptance, exchange and membership, written by `compass diagnose --trace FILE`, and
+//! decides nothing. `docs/diagnosis.md` has the table of where the two disagree.
+//!
+//! # Intervals
+//! The deviation of a number is what the residual shows, with the scatter of its blocks ([`crate::identify::covariance`]). Its 95 %
+//! interval holds besides what no residual shows: the instants of commands and readings, known to a row
+//! ([`crate::identify::sampling`]), and that no form is exact ([`tables`]).
+//!
 //! # Words
 //! - *Base*: the rig as given with its free numbers fitted. *Candidate*: an effect at a place, with starts and bounds.
 //! - *Gain*: rise of twice the log-likelihood over the model before, both under the noise that the better one leaves.

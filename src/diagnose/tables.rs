@@ -9,6 +9,7 @@ use crate::diagnose::judge::numbers::FORM_SAMPLES;
 use crate::diagnose::judge::verdict::{Estimate, ParameterLine, Ranked};
 use crate::identify::identifiability::{Scaled, deviations, undetermined};
 use crate::identify::noise::median_abs;
+use crate::model::rig::{Scope, Slot};
 
 /// Free numbers of a hypothesis with their names and scales; numbers over decades are relative already.
 fn scaled(of: &FittedModel) -> Vec<Scaled> {
@@ -55,9 +56,17 @@ pub fn estimates(of: &FittedModel) -> Vec<(String, Estimate)> {
     let spread = spreads(of);
     let one = |(i, (value, std)): (usize, (&f64, &f64))| {
         let entry = &of.problem.theta.entries[i];
-        (entry.name.clone(), estimate(of, i, *value, *std).within(entry.bounds.min, entry.bounds.max))
+        let told = estimate(of, i, *value, *std);
+        let told = if is_instant(of, i) { told } else { told.within(entry.bounds.min, entry.bounds.max) };
+        (entry.name.clone(), told)
     };
     values.iter().zip(&spread).enumerate().map(one).collect()
+}
+
+/// True if number `i` is the instant of an event: its bounds are where it was sought, and say nothing of where it may be.
+fn is_instant(of: &FittedModel, i: usize) -> bool {
+    let Slot::Effect(Scope::Rig, e, k) = of.problem.theta.entries[i].slot else { return false };
+    of.problem.rig.effects.get(e).and_then(|effect| effect.kind.keys().get(k)).is_some_and(|key| key.name == "time")
 }
 
 /// Number `i` of a fit at `value`, of this deviation in the coordinate of the fit.

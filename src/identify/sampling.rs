@@ -73,7 +73,8 @@ mod tests {
         let mut at = given.start();
         at.states[0] = vec![0.3, 0.0];
         let plain = given.readings(0, &at).unwrap().remove(0);
-        let [reading, command] = &one_row_later(&given, &at)[..] else { panic!("one sensor, commands") };
+        let changes = one_row_later(&given, &at);
+        let [reading, command] = &changes[..] else { panic!("{}", changes.len()) };
         for (change, other, sign) in
             [(reading, delayed("sensor_delay", "y"), -1.0), (command, delayed("transport_delay", "u"), 1.0)]
         {

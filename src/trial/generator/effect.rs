@@ -7,6 +7,9 @@ use super::draw::scales;
 use super::machine::{Machine, Mode};
 use super::rig::{Kind, Rig};
 
+/// How long a push lasts, s; its instant is the middle (contract section 3).
+pub(super) const PUSH_S: f64 = 0.02;
+
 /// One hidden effect.
 #[derive(Debug, Clone)]
 pub(super) struct Effect {
@@ -167,7 +170,7 @@ impl Effect {
                 joint.drive.stiffness = stiff;
                 joint.drive.damping = 900.0 * self.rotor();
             }
-            "external_push" => joint.push = [self.get("impulse"), self.get("time"), 0.02],
+            "external_push" => joint.push = [self.get("impulse"), self.get("time") - 0.5 * PUSH_S, PUSH_S],
             "torque_limit" => joint.limit = self.get("limit"),
             "actuator_lag" => joint.lag_s = self.get("time_constant"),
             "transport_delay" => joint.delay_s = self.get("delay"),

@@ -6,7 +6,7 @@ use std::io;
 use std::path::Path;
 
 use super::case::{Case, Level};
-use super::effect::Effect;
+use super::effect::{Effect, PUSH_S};
 use super::experiment::{ROW_S, Recording};
 use super::rig::{Kind, Rig};
 use crate::trial::score::{Accepted, Hidden, Interval, Recoverable, Simulated};
@@ -234,7 +234,7 @@ fn active(case: &Case, effect: &Effect) -> Vec<Interval> {
     let end_s = |recording: &Recording| (recording.commands.len() - 1) as f64 * ROW_S;
     let first = &case.recordings[0];
     match effect.id {
-        "external_push" => vec![interval(first, value("time"), value("time") + 0.02)],
+        "external_push" => vec![interval(first, value("time") - 0.5 * PUSH_S, value("time") + 0.5 * PUSH_S)],
         "lost_counts" | "payload_step" => vec![interval(first, value("time"), end_s(first))],
         "torque_limit" => case
             .recordings

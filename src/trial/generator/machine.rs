@@ -70,7 +70,7 @@ pub(super) struct Joint {
     pub ripple: [f64; 3],
     /// Spring to the ground: stiffness, rest.
     pub spring: Pair,
-    /// Impulse, time, width.
+    /// Impulse, start, width.
     pub push: [f64; 3],
     /// A dent in the landscape: depth, centre, width (a magnet; no effect of the library).
     pub detent: [f64; 3],
