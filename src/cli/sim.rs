@@ -77,9 +77,10 @@ impl Run for Args {
         let bar =
             progress::bar(u64::try_from(length.0 / resolved.config.real_time.period.0).unwrap_or(0), "simulating");
         let start = Instant::now();
-        let summary = scenario::run(&mut lockstep, length, TAIL, |record, _| {
+        let summary = scenario::run_with_poses(&mut lockstep, length, TAIL, |record, _, poses| {
             if let Some(recorder) = &recorder {
                 push(recorder, record);
+                poses.iter().for_each(|pose| recorder.push_pose(pose));
             }
             if record.input.index % BAR_TICKS == 0 {
                 bar.set_position(record.input.index);

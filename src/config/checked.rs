@@ -1,6 +1,7 @@
 //! Configuration after all checks: domains hold, names resolve, nothing is missing. RT: read only.
 
 pub use super::drives::{Cia402, Claim, DriveProtocol, Mit, MitDialect, Moteus, Odrive, OdriveFirmware, Traffic};
+pub use super::lidar::{Lidar, LidarLink, LidarMount};
 pub use super::mocap::{Mocap, MocapSource};
 pub use super::operator::{Heartbeat, Operator, OperatorDevice, OperatorRemote};
 
@@ -58,6 +59,8 @@ pub struct Robot {
     pub limits: Limits,
     /// Where the dead-man switch is.
     pub operator: Operator,
+    /// The laser scanner that sees the floor, if there is one.
+    pub lidar: Option<Lidar>,
     /// Ground truth for recordings, if there is motion capture.
     pub mocap: Option<Mocap>,
 }
@@ -72,7 +75,9 @@ impl Robot {
     /// True if motors are real, and the hand on the dead-man switch or the attitude is not.
     #[must_use]
     pub fn has_made_up_senses(&self) -> bool {
-        !self.is_simulated() && (self.operator == Operator::Simulated || self.imu.backend == SerialBackend::Mock)
+        let made_up_lidar = self.lidar.as_ref().is_some_and(|lidar| lidar.link == LidarLink::Mock);
+        let made_up = self.operator == Operator::Simulated || self.imu.backend == SerialBackend::Mock || made_up_lidar;
+        !self.is_simulated() && made_up
     }
 }
 
@@ -676,6 +681,10 @@ pub struct Simulation {
     pub initial_toe_m: [f64; TOES],
     /// IMU errors.
     pub imu: ImuErrors,
+    /// The lidar's errors; it has none without.
+    pub lidar: Option<LidarErrors>,
+    /// The server of motion capture; a plain one without.
+    pub mocap: Option<MocapServer>,
     /// Bus frames take their time on the wire.
     pub bus_timing: bool,
     /// When the simulated operator presses the dead-man switch, s; releases at the second time if given.
@@ -747,4 +756,28 @@ pub struct ImuErrors {
     pub accel_noise_g: f64,
     /// Delay from measurement to the last byte, s.
     pub latency_s: f64,
+}
+
+/// Errors of the simulated lidar.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LidarErrors {
+    /// Noise of a distance, m.
+    pub noise_m: f64,
+    /// All distances are too long by this, m.
+    pub offset_m: f64,
+    /// Share of beams without a return.
+    pub lost_share: f64,
+    /// Share of beams that something stands in, at a random part of the distance.
+    pub clutter_share: f64,
+}
+
+/// The simulated server of motion capture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MocapServer {
+    /// Frames per second.
+    pub rate_hz: u32,
+    /// From the exposure to the datagram.
+    pub latency: Span,
+    /// Noise of a position, m.
+    pub noise_m: f64,
 }

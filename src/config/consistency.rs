@@ -1,7 +1,7 @@
 //! Checks across keys: can this robot exist, can these buses carry it? RT: before arming only.
 
 use super::checked::{
-    BusBackend, Config, DriveConfig, DriveMode, DriveProtocol, Model, Operator, Robot, SerialBackend,
+    BusBackend, Config, DriveConfig, DriveMode, DriveProtocol, LidarLink, Model, Operator, Robot, SerialBackend,
 };
 use super::problem::Problem;
 use super::reader::Log;
@@ -287,6 +287,11 @@ pub(super) fn made_up_senses(robot: &Robot, log: &Log) {
         let what = "the buses are real and the IMU is simulated: torque would follow an attitude that is made up. Must \
                     be the path of a device";
         log.error(problem("robot.imu.backend", what.to_owned()));
+    }
+    if robot.lidar.as_ref().is_some_and(|lidar| lidar.link == LidarLink::Mock) {
+        let what = "the buses are real and the lidar is simulated: torque would follow a floor that is made up. Must be \
+                    \"tcp:ADDRESS:PORT\" or \"serial:PATH\"";
+        log.error(problem("robot.lidar.link", what.to_owned()));
     }
 }
 

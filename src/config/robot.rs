@@ -5,6 +5,7 @@ use super::checked::{
     SerialBackend, Toe,
 };
 use super::drive::drive;
+use super::lidar::lidar;
 use super::mocap::mocap;
 use super::operator::operator;
 use super::reader::{Reader, range};
@@ -23,6 +24,7 @@ pub(super) fn robot(r: &Reader<'_>) -> Robot {
         imu: r.table("imu", imu),
         limits: r.table("limits", limits),
         operator: r.table("operator", operator),
+        lidar: r.optional_table("lidar", lidar),
         mocap: r.optional_table("mocap", mocap),
     }
 }

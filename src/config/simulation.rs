@@ -1,6 +1,6 @@
 //! Reads `sim`: the simulated robot and its imperfections. RT: before arming only.
 
-use super::checked::{Floor, ImuErrors, Model, ModelError, Push, RandomPushes, Simulation};
+use super::checked::{Floor, ImuErrors, LidarErrors, MocapServer, Model, ModelError, Push, RandomPushes, Simulation};
 use super::fault::Injection;
 use super::process::LEGS;
 use super::reader::{Range, Reader, range};
@@ -40,6 +40,8 @@ pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
         floor: r.optional_table("floor", floor),
         initial_toe_m: r.numbers("initial_toe_m", range(0.0, 0.5, "m")),
         imu: r.table("imu", imu_errors),
+        lidar: r.optional_table("lidar", lidar_errors),
+        mocap: r.optional_table("mocap", mocap_server),
         bus_timing: r.flag("bus_timing"),
         operator_press_s: r.number("operator_press_s", second),
         operator_release_s: r.optional_number("operator_release_s", second),
@@ -101,5 +103,23 @@ fn imu_errors(r: &Reader<'_>) -> ImuErrors {
         attitude_noise_rad: r.number("attitude_noise_rad", angle),
         accel_noise_g: r.number("accel_noise_g", range(0.0, 1.0, "g")),
         latency_s: r.number("latency_s", range(0.0, 1.0, "s")),
+    }
+}
+
+fn lidar_errors(r: &Reader<'_>) -> LidarErrors {
+    let share = range(0.0, 1.0, "1");
+    LidarErrors {
+        noise_m: r.number("noise_m", range(0.0, 0.5, "m")),
+        offset_m: r.number("offset_m", range(-0.5, 0.5, "m")),
+        lost_share: r.number("lost_share", share),
+        clutter_share: r.number("clutter_share", share),
+    }
+}
+
+fn mocap_server(r: &Reader<'_>) -> MocapServer {
+    MocapServer {
+        rate_hz: r.integer("rate_hz", 1, 1000, "Hz"),
+        latency: Span::from_s(r.number("latency_s", range(0.0, 1.0, "s"))),
+        noise_m: r.number("noise_m", range(0.0, 0.1, "m")),
     }
 }

@@ -35,6 +35,11 @@ impl Attitude {
         self.last = Stamp::NEVER;
     }
 
+    /// The pitch of the newest sample.
+    pub(super) const fn pitch_rad(&self) -> Option<f64> {
+        self.pitch_rad
+    }
+
     /// Takes a sample (again, if it is the same) and says the pitch at its time. `None` until one told where down is.
     pub(super) fn update(&mut self, sample: &ImuSample) -> Option<f64> {
         let dt_s = sample.stamp.since(self.last).as_s();

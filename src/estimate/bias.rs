@@ -1,7 +1,7 @@
 //! What the IMU's attitude reads too much, learnt from the balance of angular momentum. RT: yes.
 //!
 //! The 3DM-GX3 is wrong by up to half a degree at rest and drifts (Thesis 2.1.2); the thesis zeroed it with a laser
-//! scanner. Uncorrected the simulated robot falls: LQR pulls towards a wrong upright, where only a swing leg 40 times as
+//! scanner. With one ([`super::terrain`]) this here learns what the scanner leaves, without one everything. Uncorrected the simulated robot falls: LQR pulls towards a wrong upright, where only a swing leg 40 times as
 //! far out could keep the centre of mass over the toe, and the observer, which trusts its model, doubles the error.
 //!
 //! About the toe only gravity has a moment, whatever torque, friction or spring acts inside the robot:
@@ -50,6 +50,18 @@ impl BiasObserver {
     pub(super) const fn reset(&mut self) {
         self.momentum = None;
         self.bias_rad = 0.0;
+    }
+
+    /// It is at work: armed, and not switched off.
+    pub(super) const fn learns(&self) -> bool {
+        self.momentum.is_some() || self.trusts_observer
+    }
+
+    /// Somebody else has taken so much of the bias over: the sum stays. A learner that is off has none to give.
+    pub(super) fn hand_over(&mut self, rad: f64) {
+        if self.time_s > 0.0 {
+            self.bias_rad = (self.bias_rad - rad).clamp(-LARGEST_RAD, LARGEST_RAD);
+        }
     }
 
     /// Keeps the bias but not the momentum: somebody may hold the robot, or the stance leg changes.

@@ -51,6 +51,13 @@ const fn by_stance([inner, outer]: [f64; 2], [inner_rate, outer_rate]: [f64; 2],
     }
 }
 
+/// What the IMU alone says of the inner leg.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Raw {
+    pub(super) stamp: Stamp,
+    pub(super) leg_rad: f64,
+}
+
 /// Turns snapshots to angles.
 #[derive(Clone, Debug)]
 pub(super) struct Sensors {
@@ -184,6 +191,12 @@ impl Sensors {
             rate_rad_s: [gyro, gyro - hip_now.rate_rad_s],
             sampled: self.sampled(s, leg_rad, bias_rad),
         })
+    }
+
+    /// The inner leg's angle by the IMU alone, with its time. `None` before the first.
+    pub(super) fn raw(&self, s: &Snapshot) -> Option<Raw> {
+        let leg_rad = self.imu_offset_rad + self.imu_sign * self.attitude.pitch_rad()?;
+        Some(Raw { stamp: s.stamp - s.imu_age - self.imu_latency, leg_rad })
     }
 
     /// Both legs at the IMU's oldest sample that was not used yet and has hip readings around it.

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`high_gain`] | observer of Thesis (4.14)-(4.17), corrected, around the nonlinear model with friction |
 //! | [`bias`] | what the IMU reads too much, learnt from the balance of angular momentum |
+//! | [`terrain`] | what it reads too much by the floor that a lidar sees: seconds and slower |
 //! | [`attitude`] | leg angle: gyro for fast motion, device or accelerometer for slow |
 //! | [`contact`] | what a change of the stance leg does to the state |
 //! | [`touchdown`] | when it changes: the swing toe's spring gives way, affirmed by the weight |
@@ -32,15 +33,17 @@ mod bias;
 mod contact;
 mod high_gain;
 mod measure;
+mod terrain;
 mod touchdown;
 mod weight;
 
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
-use crate::msg::{Estimate, JointCommand, Leg, Snapshot, TOES};
+use crate::msg::{Estimate, JointCommand, Leg, LidarSample, Snapshot, TOES, Terrain};
 use bias::BiasObserver;
 use high_gain::{HighGain, StanceModel, State};
 use measure::{Measured, Sampled, Sensors};
+use terrain::TerrainZero;
 use touchdown::{Detector, Signs, Verdict, doubt};
 use weight::Weight;
 
@@ -85,6 +88,7 @@ pub struct Estimator {
     stance: Leg,
     state: Option<State>,
     bias: BiasObserver,
+    terrain: TerrainZero,
     touchdown: Detector,
     weight: Weight,
     leg_m: f64,
@@ -122,6 +126,7 @@ impl Estimator {
             stance: control.stance,
             state: None,
             bias: BiasObserver::new(control.bias_time_s),
+            terrain: TerrainZero::new(robot.lidar.as_ref()),
             touchdown: Detector::new(control.touchdown_spring_m),
             weight: Weight::default(),
             leg_m: params.leg_length_m,
@@ -139,11 +144,36 @@ impl Estimator {
         self.stance = self.first_stance;
         self.state = None;
         self.bias.reset();
+        self.terrain.reset();
         self.touchdown.reset();
         self.weight.reset();
         self.innovation_rad = [0.0; 2];
         self.last = Stamp::NEVER;
         self.steps = 0;
+    }
+
+    /// What the lidar said since the call before, before each [`Self::follow`] or [`Self::step`].
+    pub fn hear(&mut self, now: Stamp, word: &LidarSample) {
+        let moved_rad = self.terrain.hear(now, word);
+        // Only a learner that is at work makes up for what the terrain takes over.
+        if self.bias.learns() {
+            self.bias.hand_over(moved_rad);
+        }
+    }
+
+    /// What the floor says of the attitude.
+    #[must_use]
+    pub fn terrain(&self, now: Stamp) -> Terrain {
+        self.terrain.tell(now)
+    }
+
+    /// Both legs as measured, less what the attitude is believed to read too much.
+    fn measure(&mut self, snapshot: &Snapshot) -> Option<Measured> {
+        let measured = self.sensors.measure(snapshot, self.bias.bias_rad() + self.terrain.zero_rad());
+        if let Some(raw) = self.sensors.raw(snapshot) {
+            self.terrain.remember(raw.stamp, raw.leg_rad, snapshot.hip_angle_rad);
+        }
+        measured
     }
 
     /// While disarmed: the state is what the sensors say, on the configured leg. Invalid until they are all fresh.
@@ -156,7 +186,7 @@ impl Estimator {
 
     /// Starts from what the sensors say.
     fn begin(&mut self, now: Stamp, snapshot: &Snapshot) -> Estimate {
-        let measured = self.sensors.measure(snapshot, self.bias.bias_rad());
+        let measured = self.measure(snapshot);
         self.state = measured.map(|m| start(&m.stance_first(self.stance)));
         self.bias.pause();
         self.innovation_rad = [0.0; 2];
@@ -169,7 +199,7 @@ impl Estimator {
         let gap = now.since(self.last);
         match self.state {
             Some(state) if gap > Span::ZERO && gap <= LONGEST_GAP => {
-                let measured = self.sensors.measure(snapshot, self.bias.bias_rad());
+                let measured = self.measure(snapshot);
                 let tau = stance_sign(self.stance) * applied.hip_torque_nm / self.torque_unit_nm;
                 self.advance(state, measured.as_ref(), tau, gap.as_s());
                 self.last = now;

@@ -67,7 +67,8 @@ message! {
         pub hip_twist_rad: f64,
         /// Its rate, rad/s.
         pub hip_twist_rad_s: f64,
-        /// What the IMU's attitude is believed to read too much, rad: the moment of gravity about the toe tells.
+        /// What the IMU's attitude is believed to read too much beside `Terrain::zero_rad`, rad: the moment of gravity
+        /// about the toe tells.
         pub attitude_bias_rad: f64,
         /// Number of stance changes seen.
         pub steps: u32,

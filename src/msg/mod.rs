@@ -12,6 +12,7 @@ mod control;
 mod estimate;
 mod fault;
 mod frame;
+mod lidar;
 mod reflect;
 mod sensor;
 mod status;
@@ -22,6 +23,7 @@ pub use control::{ControlState, LawName, Motion};
 pub use estimate::{Estimate, Snapshot};
 pub use fault::{Fault, FaultCode};
 pub use frame::{BusFrame, CanFrame, FrameBatch, Frames, MAX_DATA, MAX_FRAMES};
+pub use lidar::{FloorVerdict, LidarSample, LidarState, Terrain, TerrainState};
 pub use reflect::{Element, FieldShape, Kind, Shape, Value};
 pub use sensor::{
     BusHealth, DriveFeedback, DriveFeedbacks, DriveState, ImuBatch, ImuSample, MAX_IMU, MocapSample, OperatorSample,

@@ -4,7 +4,7 @@
 use super::reflect::message;
 use super::{
     BUSES, BusHealth, ControlState, DriveCommands, DriveFeedbacks, Estimate, FrameBatch, ImuBatch, JointCommand,
-    OperatorSample, Snapshot, Status,
+    LidarSample, OperatorSample, Snapshot, Status, Terrain,
 };
 use crate::base::time::{Span, Stamp};
 use iceoryx2::prelude::ZeroCopySend;
@@ -38,6 +38,8 @@ message! {
         pub received: [FrameBatch; BUSES],
         /// IMU samples since the last tick.
         pub imu: ImuBatch,
+        /// The lidar's newest word since the last tick; its state is `Nothing` if there is none.
+        pub lidar: LidarSample,
         /// The operator's hand, as last seen.
         pub operator: OperatorSample,
     }
@@ -100,6 +102,8 @@ message! {
         pub feedback: DriveFeedbacks,
         /// The newest of each sensor.
         pub snapshot: Snapshot,
+        /// What the floor says of the attitude.
+        pub terrain: Terrain,
         /// State of the robot.
         pub estimate: Estimate,
         /// What the controller is doing.

@@ -1,13 +1,14 @@
 //! The streams of a recording, and the way from a tick to their messages and back. RT: no.
 //!
 //! A tick becomes: its head with all counts, then one message per frame and sample, then what each room said, `status`
-//! last. So a tick is whole exactly when its status is there, and everything that [`crate::msg::TickInput`] holds comes back.
+//! last. What the lidar and the terrain say is there only if there is a lidar. So a tick is whole exactly when its status is there, and everything that [`crate::msg::TickInput`] holds comes back.
 
 use super::cdr::{decode, encode};
 use crate::base::time::Stamp;
 use crate::msg::{
     BUSES, BusFrame, ControlState, DriveCommands, DriveFeedbacks, Element, Estimate, FrameBatch, ImuBatch, ImuSample,
-    JointCommand, MocapSample, OperatorSample, RecorderStatus, Shape, Snapshot, Status, TickHead, TickRecord,
+    JointCommand, LidarSample, LidarState, MocapSample, OperatorSample, RecorderStatus, Shape, Snapshot, Status,
+    Terrain, TerrainState, TickHead, TickRecord,
 };
 
 /// A stream of messages of one type.
@@ -18,9 +19,11 @@ pub enum Stream {
     Bus0Rx,
     Bus1Rx,
     Imu,
+    Lidar,
     Operator,
     Feedback,
     Snapshot,
+    Terrain,
     Estimate,
     Control,
     Wanted,
@@ -35,14 +38,16 @@ pub enum Stream {
 
 impl Stream {
     /// All of them; the index is the order within a tick.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 19] = [
         Self::Tick,
         Self::Bus0Rx,
         Self::Bus1Rx,
         Self::Imu,
+        Self::Lidar,
         Self::Operator,
         Self::Feedback,
         Self::Snapshot,
+        Self::Terrain,
         Self::Estimate,
         Self::Control,
         Self::Wanted,
@@ -68,9 +73,11 @@ impl Stream {
             Self::Bus0Rx => "bus0/rx",
             Self::Bus1Rx => "bus1/rx",
             Self::Imu => "imu",
+            Self::Lidar => "lidar",
             Self::Operator => "operator",
             Self::Feedback => "feedback",
             Self::Snapshot => "snapshot",
+            Self::Terrain => "terrain",
             Self::Estimate => "estimate",
             Self::Control => "control",
             Self::Wanted => "wanted",
@@ -91,9 +98,11 @@ impl Stream {
             Self::Tick => &TickHead::SHAPE,
             Self::Bus0Rx | Self::Bus1Rx | Self::Bus0Tx | Self::Bus1Tx => &BusFrame::SHAPE,
             Self::Imu => &ImuSample::SHAPE,
+            Self::Lidar => &LidarSample::SHAPE,
             Self::Operator => &OperatorSample::SHAPE,
             Self::Feedback => &DriveFeedbacks::SHAPE,
             Self::Snapshot => &Snapshot::SHAPE,
+            Self::Terrain => &Terrain::SHAPE,
             Self::Estimate => &Estimate::SHAPE,
             Self::Control => &ControlState::SHAPE,
             Self::Wanted | Self::Allowed => &JointCommand::SHAPE,
@@ -113,7 +122,9 @@ impl Stream {
     /// True for what a tick works out itself; the rest is its input.
     #[must_use]
     pub const fn is_output(self) -> bool {
-        !matches!(self, Self::Tick | Self::Bus0Rx | Self::Bus1Rx | Self::Imu | Self::Operator) && !self.is_beside()
+        let is_input =
+            matches!(self, Self::Tick | Self::Bus0Rx | Self::Bus1Rx | Self::Imu | Self::Lidar | Self::Operator);
+        !is_input && !self.is_beside()
     }
 }
 
@@ -159,9 +170,15 @@ pub fn explode<E>(
     for sample in record.input.imu.as_slice() {
         out.put(Stream::Imu, sample.stamp, sample)?;
     }
+    if record.input.lidar.state != LidarState::Nothing {
+        out.put(Stream::Lidar, record.input.lidar.stamp, &record.input.lidar)?;
+    }
     out.put(Stream::Operator, record.input.operator.stamp, &record.input.operator)?;
     out.put(Stream::Feedback, now, &record.feedback)?;
     out.put(Stream::Snapshot, record.snapshot.stamp, &record.snapshot)?;
+    if record.terrain.state != TerrainState::Off {
+        out.put(Stream::Terrain, record.terrain.stamp, &record.terrain)?;
+    }
     out.put(Stream::Estimate, record.estimate.stamp, &record.estimate)?;
     out.put(Stream::Control, record.control.stamp, &record.control)?;
     out.put(Stream::Wanted, record.wanted.stamp, &record.wanted)?;
@@ -243,9 +260,11 @@ impl Assembly {
             Stream::Bus0Tx => record.output.send[0].push(decode(bytes)?).then_some(())?,
             Stream::Bus1Tx => record.output.send[1].push(decode(bytes)?).then_some(())?,
             Stream::Imu => record.input.imu.push(decode(bytes)?).then_some(())?,
+            Stream::Lidar => record.input.lidar = decode(bytes)?,
             Stream::Operator => record.input.operator = decode(bytes)?,
             Stream::Feedback => record.feedback = decode(bytes)?,
             Stream::Snapshot => record.snapshot = decode(bytes)?,
+            Stream::Terrain => record.terrain = decode(bytes)?,
             Stream::Estimate => record.estimate = decode(bytes)?,
             Stream::Control => record.control = decode(bytes)?,
             Stream::Wanted => record.wanted = decode(bytes)?,
@@ -273,7 +292,9 @@ impl Assembly {
         let whole = self.seen & ONCE == ONCE
             && record.input.received.each_ref().map(|b| b.count) == head.received
             && record.output.send.each_ref().map(|b| b.count) == head.sent
-            && record.input.imu.count == head.imu;
+            && record.input.imu.count == head.imu
+            // The terrain says in every tick whether there was a word of the lidar.
+            && record.terrain.heard == (record.input.lidar.state != LidarState::Nothing);
         if !whole {
             return Assembled::Broken;
         }
@@ -335,6 +356,16 @@ pub(crate) mod tests {
         record.input.imu.count = (rng.next_u64() % (MAX_IMU as u64 + 1)) as u8;
         let count = usize::from(record.input.imu.count);
         record.input.imu.samples[count..].fill(ImuSample::default());
+        // Every other robot has a lidar, which speaks in every other tick.
+        let (has_lidar, speaks) = (seed % 2 == 1, seed % 4 == 3);
+        if has_lidar {
+            record.terrain.state = TerrainState::Following;
+        } else {
+            record.terrain = Terrain::default();
+        }
+        record.terrain.heard = speaks;
+        record.input.lidar = if speaks { record.input.lidar } else { LidarSample::default() };
+        record.input.lidar.state = if speaks { LidarState::Streaming } else { LidarState::Nothing };
         record
     }
 

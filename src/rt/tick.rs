@@ -86,10 +86,12 @@ impl Tick {
 
     /// Unless armed, the state is what the sensors say, so that nothing is carried over into the first armed tick.
     fn estimate(&mut self, tick: &mut TickRecord) {
+        self.estimator.hear(tick.input.now, &tick.input.lidar);
         tick.estimate = match self.guard.mode() {
             Mode::Armed => self.estimator.step(tick.input.now, &tick.snapshot, &self.applied),
             _ => self.estimator.follow(tick.input.now, &tick.snapshot),
         };
+        tick.terrain = self.estimator.terrain(tick.input.now);
     }
 
     /// Until armed, each tick is a new beginning.

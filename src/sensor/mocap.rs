@@ -4,7 +4,7 @@
 use super::clock_fit::ClockFit;
 use super::natnet::{self, Message, Version};
 use super::vicon;
-use crate::base::time::Stamp;
+use crate::base::time::{Span, Stamp};
 use crate::config::checked::{Mocap, MocapSource};
 use crate::msg::MocapSample;
 
@@ -12,6 +12,14 @@ use crate::msg::MocapSample;
 const FROZEN_FRAMES: u32 = 10;
 /// A number that is lower by more than this is a server that began anew; by less, a frame that was overtaken.
 const OVERTAKEN: u32 = 1000;
+/// So many frames in a row that are damaged or lack our body: the server may speak another version, and is asked again.
+const ASK_AGAIN: u32 = 10;
+/// The server's clock and ours run apart by so much between two frames only if one of them was set.
+const CLOCK_JUMP: Span = Span::from_ms(1000);
+/// Without a frame for so long the server is silent.
+const SILENCE: Span = Span::from_ms(500);
+/// Trouble is over when the poses have been sound for so long.
+const SOUND_FOR: Span = Span::from_ms(200);
 /// NatNet's clock as we count it.
 const TICKS_PER_S: u32 = 1_000_000;
 
@@ -26,6 +34,83 @@ pub struct MocapCounters {
     pub overtaken: u32,
     /// Frames without our body.
     pub without_body: u32,
+    /// Times that the server's clock was set.
+    pub clock_jumps: u32,
+}
+
+/// What is wrong with the poses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MocapTrouble {
+    /// The server says that its cameras do not see the body.
+    Untracked,
+    /// The pose is the same to the bit, though the server calls it tracked.
+    Frozen,
+    /// Frames are missing.
+    FramesMissing,
+    /// Frames come out of order.
+    OutOfOrder,
+    /// Datagrams that cannot be read.
+    Unreadable,
+    /// Frames without our body.
+    BodyMissing,
+    /// The server's clock was set.
+    ClockJumped,
+    /// Nothing comes.
+    Silent,
+}
+
+impl MocapTrouble {
+    /// Its name as written in the code.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Untracked => "Untracked",
+            Self::Frozen => "Frozen",
+            Self::FramesMissing => "FramesMissing",
+            Self::OutOfOrder => "OutOfOrder",
+            Self::Unreadable => "Unreadable",
+            Self::BodyMissing => "BodyMissing",
+            Self::ClockJumped => "ClockJumped",
+            Self::Silent => "Silent",
+        }
+    }
+
+    /// As a person is told.
+    #[must_use]
+    pub const fn in_words(self) -> &'static str {
+        match self {
+            Self::Untracked => "the cameras do not see the robot",
+            Self::Frozen => "the pose is frozen, though it is called tracked",
+            Self::FramesMissing => "frames are missing",
+            Self::OutOfOrder => "frames come out of order",
+            Self::Unreadable => "datagrams cannot be read; another version?",
+            Self::BodyMissing => "the robot's body is not in the frames; another version?",
+            Self::ClockJumped => "the server's clock was set",
+            Self::Silent => "nothing comes",
+        }
+    }
+}
+
+/// What there is to tell of the poses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MocapNews {
+    /// Something is wrong.
+    Trouble(MocapTrouble),
+    /// It is over.
+    Sound,
+}
+
+/// What was told, and since when there is nothing more to tell.
+#[derive(Clone, Copy, Debug)]
+struct Watch {
+    counters: MocapCounters,
+    /// As bits, until all is sound again.
+    told: u16,
+    /// Trouble, or nothing yet, until then.
+    bad: Stamp,
+    heard: Stamp,
+    /// Of the newest pose.
+    unseen: Option<MocapTrouble>,
 }
 
 /// Reads one source.
@@ -36,6 +121,9 @@ pub struct MocapReader {
     /// The newest pose and for how many frames it has been the same.
     pose: ([u64; 7], u32),
     counters: MocapCounters,
+    /// Frames in a row that were of no use.
+    useless: u32,
+    watch: Watch,
 }
 
 #[derive(Clone, Debug)]
@@ -50,6 +138,8 @@ struct Server {
     version: Version,
     clock_hz: u64,
     fit: ClockFit,
+    /// The last exposure by its clock and arrival by ours.
+    last: Option<(u64, Stamp)>,
 }
 
 /// A pose in a frame.
@@ -70,7 +160,9 @@ impl MocapReader {
             MocapSource::NatNet { body, .. } => Source::NatNet { body: *body, server: None },
             MocapSource::Vicon { body } => Source::Vicon { body: crate::base::bytes::padded(body.as_bytes()) },
         };
-        Self { source, last_frame: None, pose: ([0; 7], 0), counters: MocapCounters::default() }
+        let counters = MocapCounters::default();
+        let watch = Watch { counters, told: 0, bad: Stamp::NEVER, heard: Stamp::NEVER, unseen: None };
+        Self { source, last_frame: None, pose: ([0; 7], 0), counters, useless: 0, watch }
     }
 
     /// What a NatNet server has to hear now: it sends to single clients only as long as they speak. To be said once a second.
@@ -89,8 +181,48 @@ impl MocapReader {
         &self.counters
     }
 
+    /// What there is to tell now, each trouble once. To be asked after every datagram, and now and then without one.
+    pub fn news(&mut self, now: Stamp) -> Option<MocapNews> {
+        let (before, counters) = (self.watch.counters, self.counters);
+        self.watch.counters = counters;
+        let grown = |of: fn(&MocapCounters) -> u32, trouble| (of(&counters) > of(&before)).then_some(trouble);
+        let silent = self.watch.heard != Stamp::NEVER && now.since(self.watch.heard) > SILENCE;
+        let trouble = grown(|c| c.damaged, MocapTrouble::Unreadable)
+            .or_else(|| grown(|c| c.without_body, MocapTrouble::BodyMissing))
+            .or_else(|| grown(|c| c.clock_jumps, MocapTrouble::ClockJumped))
+            .or_else(|| grown(|c| c.overtaken, MocapTrouble::OutOfOrder))
+            .or_else(|| grown(|c| c.missing, MocapTrouble::FramesMissing))
+            .or_else(|| silent.then_some(MocapTrouble::Silent))
+            .or(self.watch.unseen);
+        if let Some(trouble) = trouble {
+            self.watch.bad = now;
+            let (told, bit) = (self.watch.told, 1 << trouble as u16);
+            self.watch.told |= bit;
+            return (told & bit == 0).then_some(MocapNews::Trouble(trouble));
+        }
+        let is_over = self.watch.told != 0 && now.since(self.watch.bad) >= SOUND_FOR;
+        is_over.then(|| {
+            self.watch.told = 0;
+            MocapNews::Sound
+        })
+    }
+
     /// Takes a datagram that arrived at `now`; gives the pose of our body if it holds one.
     pub fn take(&mut self, now: Stamp, datagram: &[u8]) -> Option<MocapSample> {
+        let before = self.counters;
+        let sample = self.read(now, datagram);
+        self.watch.heard = now;
+        let useless = self.counters.damaged > before.damaged || self.counters.without_body > before.without_body;
+        self.useless = if useless { self.useless + 1 } else { 0 };
+        if let Source::NatNet { server, .. } = &mut self.source
+            && self.useless >= ASK_AGAIN
+        {
+            (*server, self.useless) = (None, 0);
+        }
+        sample
+    }
+
+    fn read(&mut self, now: Stamp, datagram: &[u8]) -> Option<MocapSample> {
         let before = self.counters;
         let seen = match &mut self.source {
             Source::NatNet { body, server } => take_natnet(now, datagram, *body, server, &mut self.counters),
@@ -124,12 +256,18 @@ impl MocapReader {
         let [qx, qy, qz, qw] = seen.quaternion;
         let bits = [x, y, z, qx, qy, qz, qw].map(f64::to_bits);
         self.pose = (bits, if bits == self.pose.0 { self.pose.1.saturating_add(1) } else { 0 });
+        let frozen = self.pose.1 >= FROZEN_FRAMES;
+        self.watch.unseen = match (seen.tracked, frozen) {
+            (false, _) => Some(MocapTrouble::Untracked),
+            (true, true) => Some(MocapTrouble::Frozen),
+            (true, false) => None,
+        };
         MocapSample {
             stamp: seen.exposed,
             arrived: now,
             frame: seen.frame,
             body: seen.body,
-            tracked: seen.tracked && self.pose.1 < FROZEN_FRAMES,
+            tracked: seen.tracked && !frozen,
             position_m: seen.position_m,
             quaternion: seen.quaternion,
             missing: self.counters.missing,
@@ -157,13 +295,13 @@ fn take_natnet(
     match (message, server) {
         (Ok(Message::Server(info)), server) => {
             let fit = ClockFit::new(TICKS_PER_S);
-            *server = Some(Server { version: info.version, clock_hz: info.clock_hz, fit });
+            *server = Some(Server { version: info.version, clock_hz: info.clock_hz, fit, last: None });
             None
         }
         (Ok(Message::Frame(head)), Some(server)) => Some(ours.map(|body| Seen {
             frame: head.number,
             body: body.id,
-            exposed: server.exposed(now, head.exposed_ticks),
+            exposed: server.exposed(now, head.exposed_ticks, counters),
             tracked: body.tracked && body.position_m.iter().chain(&body.quaternion).all(|x| x.is_finite()),
             position_m: body.position_m.map(f64::from),
             quaternion: body.quaternion.map(f64::from),
@@ -178,9 +316,18 @@ fn take_natnet(
 
 impl Server {
     /// When the cameras saw it, on our clock; when it arrived if the server tells no time.
-    fn exposed(&mut self, now: Stamp, ticks: u64) -> Stamp {
+    fn exposed(&mut self, now: Stamp, ticks: u64, counters: &mut MocapCounters) -> Stamp {
         if self.clock_hz == 0 || ticks == 0 {
             return now;
+        }
+        if let Some((last_ticks, last_at)) = self.last.replace((ticks, now)) {
+            let hz = i128::from(self.clock_hz);
+            let theirs_ns = (i128::from(ticks) - i128::from(last_ticks)) * 1_000_000_000 / hz;
+            let apart_ns = theirs_ns - i128::from(now.since(last_at).0);
+            if apart_ns.abs() > i128::from(CLOCK_JUMP.0) {
+                counters.clock_jumps = counters.clock_jumps.saturating_add(1);
+                self.fit = ClockFit::new(TICKS_PER_S);
+            }
         }
         let microseconds = u128::from(ticks) * u128::from(TICKS_PER_S) / u128::from(self.clock_hz);
         // It wraps after 71 minutes, as the fit knows.
@@ -254,7 +401,7 @@ mod tests {
         assert_eq!(got, [1, 2, 5, 6]);
         assert!(reader.take(at(10), &vicon_block(7, "box", 1.0)).is_none());
         assert!(reader.take(at(11), &[1, 2, 3]).is_none());
-        let expected = MocapCounters { damaged: 1, missing: 2, overtaken: 1, without_body: 1 };
+        let expected = MocapCounters { damaged: 1, missing: 2, overtaken: 1, without_body: 1, clock_jumps: 0 };
         assert_eq!(*reader.counters(), expected);
         // The server begins anew.
         let mut reader = vicon();

@@ -8,7 +8,8 @@
 //! | [`imu`] | start-up of the stream, bytes to samples |
 //! | [`operator`] | the dead-man switch: simulated, a UNIX socket, an input device, a network |
 //! | [`mocap`], [`natnet`], [`vicon`] | ground truth of motion capture, for recordings |
-//! | [`scip`] | Hokuyo SCIP 2: bytes of a laser scanner to scans; the link and the ground line are missing |
+//! | [`scip`] | Hokuyo SCIP 2: bytes of a laser scanner to scans |
+//! | [`lidar`] | the dialogue with a scanner, its link, and the straight line of the floor in a scan |
 //! | [`serial`] | the serial line, which never waits |
 //!
 //! RT: yes, but opening a line is for before arming.
@@ -26,6 +27,7 @@
 pub mod clock_fit;
 pub mod imu;
 pub mod imu_codec;
+pub mod lidar;
 pub mod mip;
 pub mod mocap;
 pub mod natnet;

@@ -19,6 +19,9 @@ mod id {
     pub(super) const KEEP_ALIVE: u16 = 10;
 }
 
+/// Bytes after the last section.
+const SUFFIX: usize = 4 + 4 + 8 + 8 + 16 + 2 + 4;
+
 /// More bodies, markers or channels than any room has: such a count is a damaged one.
 const MOST: u32 = 4096;
 
@@ -144,6 +147,9 @@ fn frame(bytes: &mut Bytes<'_>, version: Version, each: &mut dyn FnMut(Body)) ->
     for _ in 0..2 {
         bytes.section(version, Bytes::channels)?;
     }
+    if version.at_least(4, 1) {
+        bytes.skip_unknown_sections();
+    }
     suffix(bytes, number)
 }
 
@@ -222,6 +228,24 @@ impl<'a> Bytes<'a> {
         let length = usize::try_from(self.u32()?).unwrap_or(usize::MAX);
         let mut inner = Self(self.take(length)?);
         (0..count).try_for_each(|_| item(&mut inner))
+    }
+
+    /// Sections of a newer server before the suffix: skipped if with them everything adds up, and only then.
+    fn skip_unknown_sections(&mut self) {
+        let mut rest = Bytes(self.0);
+        let mut skip = || {
+            while rest.0.len() > SUFFIX {
+                rest.u32()?;
+                let length = usize::try_from(rest.u32()?).unwrap_or(usize::MAX);
+                rest.take(length)?;
+            }
+            Ok::<_, Damage>(rest.0)
+        };
+        if let Ok(suffix) = skip()
+            && suffix.len() == SUFFIX
+        {
+            self.0 = suffix;
+        }
     }
 
     fn body(&mut self, version: Version) -> Result<Body, Damage> {

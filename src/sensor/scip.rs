@@ -1,5 +1,5 @@
-//! Hokuyo SCIP 2: requests, and the lines of what a scanner says, over TCP or serial alike. Pure functions on bytes; the
-//! link is not here yet. RT: no, in an ordinary thread.
+//! Hokuyo SCIP 2: requests, and the lines of what a scanner says, over TCP or serial alike. Pure functions on bytes; who
+//! asks what and when is [`super::lidar`]. RT: no, in an ordinary thread.
 //!
 //! A line is text and one check character; an empty line ends a reply. Values are written in characters of six bits, most
 //! significant first; a row of values runs across lines.
@@ -110,8 +110,14 @@ pub const STREAM: &[u8; 16] = b"MD0000108001000\n";
 pub const QUIT: &[u8; 3] = b"QT\n";
 /// What it is.
 pub const PARAMETERS: &[u8; 3] = b"PP\n";
+/// Begin to adjust clocks.
+pub const ENTER_ADJUSTING: &[u8; 4] = b"TM0\n";
+/// What its clock shows; only while adjusting.
+pub const CLOCK: &[u8; 4] = b"TM1\n";
 /// Leave the adjusting of clocks, in which it refuses all else.
 pub const LEAVE_ADJUSTING: &[u8; 4] = b"TM2\n";
+/// Laser on.
+pub const LASER_ON: &[u8; 3] = b"BM\n";
 
 /// A scan.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -6,7 +6,7 @@
 //! Limits: a robot whose hip comes to the floor stays there. RT: no.
 
 use super::toes::Toes;
-use super::{Reading, World};
+use super::{Place, Reading, World};
 use crate::base::time::Span;
 use crate::config::checked::{Config, Simulation};
 use crate::model::effect::EffectKind;
@@ -25,6 +25,8 @@ pub struct GroundWorld {
     machine: Machine<f64>,
     toes: Toes,
     slope_rad: f64,
+    leg_m: f64,
+    floor: Floor,
     release_torque_nm: f64,
     held: bool,
     now_s: f64,
@@ -61,6 +63,8 @@ impl GroundWorld {
             machine,
             toes,
             slope_rad: sim.ground_slope_rad,
+            leg_m: params.leg_length_m,
+            floor: if sim.on_blocks { Floor::default() } else { floor(sim) },
             release_torque_nm: sim.release_torque_nm,
             held: sim.release_torque_nm > 0.0,
             now_s: 0.0,
@@ -233,6 +237,30 @@ impl World for GroundWorld {
     /// In the hand it is still: it gets its initial rates as the hand lets go.
     fn reading(&self) -> Reading {
         if self.held { Reading { leg_rate_rad_s: [0.0; 2], ..self.shown } } else { self.shown }
+    }
+
+    /// The speed of a foot that slides or flies is left out.
+    fn place(&self) -> Place {
+        let stance = self.machine.stance();
+        let [x, y] = self.machine.toe_m();
+        let (sin, cos) = libm::sincos(self.machine.coordinate(stance) + self.slope_rad);
+        let speed_m_s = if self.held || self.fallen { 0.0 } else { self.leg_m * self.machine.rate(stance) };
+        Place {
+            hip_m: [x - self.leg_m * sin, y + self.leg_m * cos],
+            hip_m_s: [-cos * speed_m_s, -sin * speed_m_s],
+            slope_rad: self.slope_rad,
+        }
+    }
+
+    fn floor_height_m(&self, along_m: f64) -> f64 {
+        self.floor.point_height_m(along_m)
+    }
+
+    fn floor_range_m(&self) -> [f64; 2] {
+        let terraces = self.floor.terraces.iter().map(|[_, height]| *height);
+        let (low, high) = terraces.fold((0.0_f64, 0.0_f64), |(low, high), h| (low.min(h), high.max(h)));
+        let half = if self.floor.tile_m > 0.0 { self.floor.half_width_m } else { 0.0 };
+        [low - half, high + half]
     }
 }
 

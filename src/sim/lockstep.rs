@@ -3,15 +3,21 @@
 //! Deterministic to the bit: same configuration, same hash of all that the rooms said. RT: no (but the tick inside is
 //! the one of the robot).
 
+use super::lidar::SimLine;
+use super::mocap::SimMocap;
 use super::outcome::Watch;
 use super::plant::Plant;
 use super::trouble::outside::Outside;
 use super::world::{self, WorldError};
 use crate::base::time::{Span, Stamp};
-use crate::config::checked::Config;
-use crate::msg::{BUSES, BusHealth, Element, FrameBatch, TickInput, TickRecord, Value};
+use crate::config::checked::{Config, Lidar, Mocap};
+use crate::msg::{
+    BUSES, BusHealth, Element, FrameBatch, LidarSample, MocapSample, TerrainState, TickInput, TickRecord, Value,
+};
 use crate::rt::tick::{Tick, TickError};
 use crate::sensor::imu::ImuReader;
+use crate::sensor::lidar::{LidarReader, link};
+use crate::sensor::mocap::{MocapNews, MocapReader};
 use crate::sensor::operator::SimulatedHand;
 
 /// Why there is nothing to step.
@@ -30,6 +36,8 @@ pub struct Lockstep {
     tick: Tick,
     plant: Plant,
     imu: ImuReader,
+    lidar: Option<LidarHost>,
+    mocap: Option<MocapHost>,
     hand: SimulatedHand,
     outside: Outside,
     input: TickInput,
@@ -50,6 +58,8 @@ impl Lockstep {
             tick: Tick::new(config)?,
             plant: Plant::with_world(config, world::build(config)?),
             imu: ImuReader::new(&config.robot.imu),
+            lidar: config.robot.lidar.as_ref().map(LidarHost::new),
+            mocap: config.robot.mocap.as_ref().map(MocapHost::new),
             hand: SimulatedHand::new(config),
             outside: Outside::new(&config.simulation.faults),
             input: TickInput { bus_health: [BusHealth::Active; BUSES], ..TickInput::default() },
@@ -96,6 +106,23 @@ impl Lockstep {
     #[must_use]
     pub const fn digest(&self) -> u64 {
         self.digest
+    }
+
+    /// Poses of motion capture since the call before, for the recording beside the ticks.
+    pub fn take_poses(&mut self) -> Vec<MocapSample> {
+        self.mocap.as_mut().map(|mocap| std::mem::take(&mut mocap.poses)).unwrap_or_default()
+    }
+
+    /// What the reader of motion capture had to tell in the last tick.
+    #[must_use]
+    pub fn mocap_news(&self) -> Option<MocapNews> {
+        self.mocap.as_ref().and_then(|mocap| mocap.news)
+    }
+
+    /// The lidar's reader, if there is one.
+    #[must_use]
+    pub fn lidar_reader(&self) -> Option<&LidarReader> {
+        self.lidar.as_ref().map(|host| &host.reader)
     }
 
     /// One period: the robot moves up to the tick's time, the tick runs, its frames go out.
@@ -154,6 +181,65 @@ impl Lockstep {
         if let Some(request) = self.imu.transmit(now) {
             self.plant.deliver_imu_bytes(request.as_slice());
         }
+        self.collect_lidar();
+        if let (Some(host), Some(server)) = (&mut self.mocap, self.plant.mocap()) {
+            host.serve(now, server);
+        }
+    }
+
+    /// What the thread of the lidar does on a robot.
+    fn collect_lidar(&mut self) {
+        let (now, word) = (self.input.now, &mut self.input.lidar);
+        *word = LidarSample::default();
+        let (Some(host), Some(device)) = (&mut self.lidar, self.plant.lidar()) else { return };
+        let mut line = SimLine { device, open: &mut host.open, now, bytes: &mut host.bytes };
+        link::serve(&mut host.reader, &mut line, now, |newest| *word = *newest);
+    }
+}
+
+/// The lidar's reader and the host's end of its line.
+struct LidarHost {
+    reader: LidarReader,
+    open: bool,
+    bytes: Vec<u8>,
+}
+
+impl LidarHost {
+    fn new(lidar: &Lidar) -> Self {
+        Self { reader: LidarReader::new(lidar), open: false, bytes: Vec::new() }
+    }
+}
+
+/// The reader of motion capture and what it has read.
+struct MocapHost {
+    reader: MocapReader,
+    next_word: Stamp,
+    poses: Vec<MocapSample>,
+    news: Option<MocapNews>,
+}
+
+/// Nobody who does not take them wants to keep more poses.
+const MOST_POSES: usize = 1024;
+/// Between two words to the server.
+const SPEAK_EVERY: Span = Span::from_ms(1000);
+
+impl MocapHost {
+    fn new(mocap: &Mocap) -> Self {
+        Self { reader: MocapReader::new(mocap), next_word: Stamp::NEVER, poses: Vec::new(), news: None }
+    }
+
+    fn serve(&mut self, now: Stamp, server: &mut SimMocap) {
+        self.news = None;
+        if let Some(request) = self.reader.request().filter(|_| now >= self.next_word) {
+            self.next_word = now + SPEAK_EVERY;
+            server.hear(now, request);
+        }
+        while let Some(datagram) = server.take(now) {
+            let pose = self.reader.take(now, &datagram);
+            self.poses.extend(pose.filter(|_| self.poses.len() < MOST_POSES));
+            self.news = self.reader.news(now).or(self.news);
+        }
+        self.news = self.reader.news(now).or(self.news);
     }
 }
 
@@ -166,6 +252,9 @@ fn digest(seed: u64, record: &TickRecord) -> u64 {
     let mut sink = |value: Value| hash = (hash ^ word(value)).wrapping_mul(FNV_PRIME);
     record.feedback.put(&mut sink);
     record.snapshot.put(&mut sink);
+    if record.terrain.state != TerrainState::Off {
+        record.terrain.put(&mut sink);
+    }
     record.estimate.put(&mut sink);
     record.control.put(&mut sink);
     record.allowed.put(&mut sink);

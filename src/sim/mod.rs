@@ -5,7 +5,9 @@
 pub mod drive;
 pub mod ground;
 pub mod imu;
+pub mod lidar;
 pub mod lockstep;
+pub mod mocap;
 pub mod noise;
 mod objects;
 pub mod outcome;
@@ -47,6 +49,18 @@ pub struct Reading {
     pub slides: bool,
 }
 
+/// Where the robot is over the floor, for what looks at it from outside or looks down from it: axes along and normal to the
+/// mean ground.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Place {
+    /// The hip, m.
+    pub hip_m: [f64; 2],
+    /// Its velocity, m/s.
+    pub hip_m_s: [f64; 2],
+    /// From a leg's angle from the vertical to that from the ground's normal, rad.
+    pub slope_rad: f64,
+}
+
 /// The bodies of the robot and the ground, as the drives and the IMU meet them.
 pub trait World: Send {
     /// Moves on by `dt` (any length, a few ms at most) under constant commands.
@@ -65,6 +79,21 @@ pub trait World: Send {
 
     /// What the instruments see now.
     fn reading(&self) -> Reading;
+
+    /// Where the robot is.
+    fn place(&self) -> Place {
+        Place { hip_m: [0.0, 1.0], ..Place::default() }
+    }
+
+    /// Height of the floor at a place along it, m.
+    fn floor_height_m(&self, _along_m: f64) -> f64 {
+        0.0
+    }
+
+    /// Lowest and highest floor that there may be, m.
+    fn floor_range_m(&self) -> [f64; 2] {
+        [0.0; 2]
+    }
 }
 
 #[cfg(test)]

@@ -5,6 +5,8 @@
 
 use super::drive::{Electrics, SimDrive};
 use super::imu::SimImu;
+use super::lidar::SimLidar;
+use super::mocap::SimMocap;
 use super::noise::Noise;
 use super::pushes::Pushes;
 use super::trouble::Schedule;
@@ -48,6 +50,8 @@ pub struct Plant {
     hip_powered_since: Option<Stamp>,
     pushes: Pushes,
     pub(super) imu: SimImu,
+    pub(super) lidar: Option<SimLidar>,
+    pub(super) mocap: Option<SimMocap>,
     pot_noise: Noise,
     echo: bool,
     pub(super) hosts: Vec<HostEnd>,
@@ -130,6 +134,14 @@ impl Plant {
             hip_powered_since: None,
             pushes: Pushes::new(&config.simulation),
             imu: SimImu::new(&robot.imu, &config.simulation.imu, config.simulation.seed),
+            lidar: robot
+                .lidar
+                .as_ref()
+                .map(|lidar| SimLidar::new(lidar, config.simulation.lidar.as_ref(), config.simulation.seed)),
+            mocap: robot
+                .mocap
+                .as_ref()
+                .map(|mocap| SimMocap::new(mocap, config.simulation.mocap.as_ref(), config.simulation.seed)),
             pot_noise: Noise::new(config.simulation.seed ^ POT_STREAM),
             echo: true,
             hosts: (0..BUSES).map(|bus| HostEnd::new(config.simulation.seed, bus)).collect(),
@@ -139,6 +151,9 @@ impl Plant {
             answers: Vec::new(),
         };
         plant.imu.prepare(&config.simulation.faults);
+        if let Some(lidar) = &mut plant.lidar {
+            lidar.prepare(&config.simulation.faults);
+        }
         plant.boot_drives(Stamp::default());
         plant
     }
@@ -149,6 +164,7 @@ impl Plant {
         self.world_time = now;
         self.next_drive_tick = now;
         self.troubles.start_at(now);
+        self.mocap.iter_mut().for_each(|mocap| mocap.start_at(now));
         self.pushes.start_at(now);
         self.boot_drives(now);
     }
@@ -269,6 +285,16 @@ impl Plant {
         self.imu.take(self.now, out);
     }
 
+    /// The lidar, if there is one.
+    pub const fn lidar(&mut self) -> Option<&mut SimLidar> {
+        self.lidar.as_mut()
+    }
+
+    /// The server of motion capture, if there is one.
+    pub const fn mocap(&mut self) -> Option<&mut SimMocap> {
+        self.mocap.as_mut()
+    }
+
     /// Lets everything happen up to `t`.
     pub fn advance_to(&mut self, t: Stamp) {
         while let Some((at, event)) = self.next_event().filter(|(at, _)| *at <= t) {
@@ -278,6 +304,18 @@ impl Plant {
                 Event::Measure => {
                     self.move_world_to(at);
                     self.imu.measure(at, &self.reading);
+                }
+                Event::Scan => {
+                    self.move_world_to(at);
+                    if let Some(lidar) = &mut self.lidar {
+                        lidar.measure(at, &self.reading, &*self.world);
+                    }
+                }
+                Event::Pose => {
+                    self.move_world_to(at);
+                    if let Some(mocap) = &mut self.mocap {
+                        mocap.measure(at, &self.reading, &self.world.place());
+                    }
                 }
                 Event::DriveTick => self.tick_drives(at),
                 Event::Torque => {
@@ -302,6 +340,13 @@ impl Plant {
         }
         if let Some(at) = self.imu.next_measurement().filter(|at| *at < next.0) {
             next = (at, Event::Measure);
+        }
+        let scan = self.lidar.as_ref().and_then(SimLidar::next_measurement);
+        if let Some(at) = scan.filter(|at| *at < next.0) {
+            next = (at, Event::Scan);
+        }
+        if let Some(at) = self.mocap.as_ref().map(SimMocap::next_measurement).filter(|at| *at < next.0) {
+            next = (at, Event::Pose);
         }
         if let Some(at) = self.drives[Drive::Hip as usize].next_torque().filter(|at| *at < next.0) {
             next = (at, Event::Torque);
@@ -486,6 +531,10 @@ enum Event {
     Frame(usize),
     /// The IMU measures.
     Measure,
+    /// The lidar scans.
+    Scan,
+    /// The cameras look.
+    Pose,
     /// The drives look after their timers.
     DriveTick,
     /// A delayed torque command takes effect.

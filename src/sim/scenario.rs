@@ -5,7 +5,7 @@ use super::lockstep::Lockstep;
 use super::outcome::Watch;
 use super::outcome::fall::Cause;
 use crate::base::time::Span;
-use crate::msg::{Estimate, Fault, Leg, Mode, TickRecord};
+use crate::msg::{Estimate, Fault, Leg, MocapSample, Mode, TickRecord};
 
 /// Lowest and highest value.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -134,6 +134,16 @@ fn error(estimate: &Estimate, angles: [f64; 2]) -> f64 {
 
 /// Runs for `length`; `look` sees every tick. The tail is the last `tail` of it.
 pub fn run(lockstep: &mut Lockstep, length: Span, tail: Span, mut look: impl FnMut(&TickRecord, &Reading)) -> Summary {
+    run_with_poses(lockstep, length, tail, |record, reading, _| look(record, reading))
+}
+
+/// The same; `look` gets the poses of motion capture too.
+pub fn run_with_poses(
+    lockstep: &mut Lockstep,
+    length: Span,
+    tail: Span,
+    mut look: impl FnMut(&TickRecord, &Reading, &[MocapSample]),
+) -> Summary {
     let end = lockstep.now() + length;
     let tail_from = end - tail;
     let mut summary = Summary::default();
@@ -141,11 +151,12 @@ pub fn run(lockstep: &mut Lockstep, length: Span, tail: Span, mut look: impl FnM
     while lockstep.now() < end {
         let in_tail = lockstep.now() >= tail_from;
         lockstep.step();
+        let poses = lockstep.take_poses();
         let (record, plant) = lockstep.seen();
         let reading = plant.reading();
         summary.add(record, &reading, in_tail);
         watch.look(record, plant);
-        look(record, &reading);
+        look(record, &reading, &poses);
     }
     summary.take_over(&watch);
     summary

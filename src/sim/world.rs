@@ -5,7 +5,7 @@
 //! RT: no, but allocation-free.
 
 use super::ground::GroundWorld;
-use super::{Reading, World};
+use super::{Place, Reading, World};
 use crate::base::ode::rk4;
 use crate::base::time::Span;
 use crate::config::checked::{Config, Simulation};
@@ -252,6 +252,13 @@ impl World for BlocksWorld {
             airborne: false,
             slides: false,
         }
+    }
+
+    fn place(&self) -> Place {
+        let ([ts, _, _, vs, ..], l) = (self.x, self.params.leg_length_m);
+        let (sin, cos) = libm::sincos(ts);
+        let rate = if self.held { 0.0 } else { vs };
+        Place { hip_m: [-l * sin, l * cos], hip_m_s: [-l * cos * rate, -l * sin * rate], slope_rad: 0.0 }
     }
 }
 

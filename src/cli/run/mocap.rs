@@ -40,11 +40,11 @@ impl Capture {
     pub(super) fn finish(mut self) -> Option<String> {
         self.over.store(true, Ordering::Release);
         let counters = self.thread.take()?.join().ok()?;
-        let MocapCounters { damaged, missing, overtaken, without_body } = counters;
+        let MocapCounters { damaged, missing, overtaken, without_body, clock_jumps } = counters;
         (counters != MocapCounters::default()).then(|| {
             format!(
                 "motion capture: {missing} frames missing, {overtaken} overtaken, {without_body} without the robot's \
-                 body, {damaged} damaged"
+                 body, {damaged} damaged, the server's clock set {clock_jumps} times"
             )
         })
     }

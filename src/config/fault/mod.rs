@@ -153,8 +153,13 @@ impl Injection {
             (Device::Mit, _) => speaks("MIT drives", "; see config/examples/mit.toml"),
             (Device::Odrive, _) => speaks("ODrives", "; see config/examples/odrive.toml"),
             (Device::Moteus, _) => speaks("moteus drives", "; see config/examples/moteus.toml"),
-            (Device::Lidar, _) => needs("lidar"),
-            (Device::Mocap, _) => needs("motion capture"),
+            (Device::Lidar, _) if robot.lidar.is_none() => {
+                needs("lidar; give it one: robot.lidar, see config/examples/lidar.toml")
+            }
+            (Device::Mocap, _) if robot.mocap.is_none() => {
+                needs("motion capture; give it some: robot.mocap, see config/examples/mocap.toml")
+            }
+            (Device::Lidar | Device::Mocap, _) => Ok(()),
         }
     }
 }

@@ -18,8 +18,8 @@ impl Plant {
             Device::Bus => self.suffer_bus(now, fault, on),
             Device::Canopen | Device::Mit | Device::Odrive | Device::Moteus => self.suffer_drive(fault, on),
             Device::Imu => self.imu.suffer(now, fault, on),
-            // Without a simulated device: refused by the configuration.
-            Device::Lidar | Device::Mocap => {}
+            Device::Lidar => self.lidar.iter_mut().for_each(|lidar| lidar.suffer(fault, on)),
+            Device::Mocap => self.mocap.iter_mut().for_each(|mocap| mocap.suffer(fault, on)),
             // Not the plant's.
             Device::Joystick | Device::Host => {}
         }

@@ -3,8 +3,9 @@
 
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
-use crate::config::fault::Injection;
-use crate::msg::{Drive, Fault, FaultCode, Mode, TickRecord};
+use crate::config::fault::{Device, Injection};
+use crate::msg::{Drive, Fault, FaultCode, FloorVerdict, LidarState, Mode, TickRecord};
+use crate::sensor::mocap::MocapNews;
 use crate::sim::lockstep::{Lockstep, LockstepError};
 
 /// Less torque at the joint than this is none, Nm: a quantum of the drive's current.
@@ -33,6 +34,12 @@ pub struct Reaction {
     pub tilt_rad: f64,
     /// From the end of the fault to being armed again by a hand that lets go and presses.
     pub recovered_after: Option<Span>,
+    /// What was told of a device that no torque hangs on, and how long after the injection.
+    pub told: Option<(&'static str, Span)>,
+    /// From the end of the fault to the first sound word of that device.
+    pub sound_after: Option<Span>,
+    /// Largest uncertainty of the terrain's part of the attitude, rad.
+    pub terrain_sigma_rad: f64,
     /// What stood in the way at the end, as bits of fault codes.
     pub blockers: u64,
 }
@@ -46,6 +53,9 @@ pub fn measure(config: &Config, injection: &Injection) -> Result<Reaction, Locks
     let mut config = config.clone();
     config.simulation.faults = vec![*injection];
     let mut reaction = watch(&mut Lockstep::new(&config)?, injection);
+    if is_beside(injection.entry.device) {
+        return Ok(reaction);
+    }
     // A hand that never lets go.
     config.simulation.release_torque_nm = 1e6;
     config.simulation.release_after = Span::ZERO;
@@ -63,6 +73,11 @@ pub fn measure(config: &Config, injection: &Injection) -> Result<Reaction, Locks
     Ok(reaction)
 }
 
+/// No torque hangs on it: the robot goes on without.
+const fn is_beside(device: Device) -> bool {
+    matches!(device, Device::Lidar | Device::Mocap)
+}
+
 /// When the fault is over; at once if it does not last.
 fn over(injection: &Injection) -> Span {
     Span(injection.at.0 + injection.lasts.unwrap_or(Span::ZERO).0)
@@ -73,14 +88,19 @@ fn watch(lockstep: &mut Lockstep, injection: &Injection) -> Reaction {
     let end = Stamp::default() + over(injection) + AFTERWARDS;
     let mut reaction = Reaction::default();
     let mut torque_seen = start;
+    let mut damaged = 0;
     while lockstep.now() < end {
         let record = *lockstep.step();
         let (at, mode) = (record.input.now, record.status.mode);
         if at < start {
             reaction.was_armed = mode == Mode::Armed;
+            damaged = damaged.max(record.input.lidar.damaged);
             continue;
         }
         note(&mut reaction, injection, &record, at.since(start));
+        let since_end = at.since(Stamp::default() + over(injection));
+        note_lidar(&mut reaction, &record, damaged, [at.since(start), since_end]);
+        note_mocap(&mut reaction, lockstep.mocap_news(), [at.since(start), since_end]);
         let plant = lockstep.plant();
         if mode == Mode::Armed {
             let reading = plant.reading();
@@ -95,6 +115,37 @@ fn watch(lockstep: &mut Lockstep, injection: &Injection) -> Reaction {
         reaction.safe_after = Some(torque_seen.since(start));
     }
     reaction
+}
+
+/// What the lidar said; `times`: since the fault's beginning, since its end.
+fn note_lidar(reaction: &mut Reaction, record: &TickRecord, damaged: u32, times: [Span; 2]) {
+    let [since_start, since_end] = times;
+    let word = &record.input.lidar;
+    reaction.terrain_sigma_rad = reaction.terrain_sigma_rad.max(record.terrain.zero_sigma_rad);
+    if word.state.is_trouble() {
+        reaction.told.get_or_insert((word.state.name(), since_start));
+    } else if word.damaged > damaged {
+        reaction.told.get_or_insert(("damaged scans", since_start));
+    }
+    let sound = word.state == LidarState::Streaming && word.verdict == FloorVerdict::Found;
+    if sound && reaction.told.is_some() && since_end > Span::ZERO {
+        reaction.sound_after.get_or_insert(since_end);
+    }
+}
+
+/// The same of motion capture.
+fn note_mocap(reaction: &mut Reaction, news: Option<MocapNews>, times: [Span; 2]) {
+    let [since_start, since_end] = times;
+    match news {
+        Some(MocapNews::Trouble(trouble)) => {
+            reaction.told.get_or_insert((trouble.name(), since_start));
+            reaction.sound_after = None;
+        }
+        Some(MocapNews::Sound) if reaction.told.is_some() => {
+            reaction.sound_after.get_or_insert(since_end);
+        }
+        _ => {}
+    }
 }
 
 fn note(reaction: &mut Reaction, injection: &Injection, record: &TickRecord, after: Span) {

@@ -43,6 +43,8 @@ pub const fn robot_for(device: Device) -> (&'static str, &'static str) {
         Device::Mit => ("mit.toml", include_str!("../../../config/examples/mit.toml")),
         Device::Odrive => ("odrive.toml", include_str!("../../../config/examples/odrive.toml")),
         Device::Moteus => ("moteus.toml", include_str!("../../../config/examples/moteus.toml")),
+        Device::Lidar => ("lidar.toml", include_str!("../../../config/examples/lidar.toml")),
+        Device::Mocap => ("mocap.toml", include_str!("../../../config/examples/mocap.toml")),
         _ => ("default", ""),
     }
 }
@@ -107,7 +109,8 @@ fn line(out: &mut String, row: &Row) {
     let entry = row.injection.entry;
     let places: Vec<&str> = entry.places.iter().map(|place| place.name()).collect();
     let kind = if row.injection.kind.is_empty() { String::new() } else { format!(" {}", row.injection.kind) };
-    let noticed_ones = || row.reactions.iter().filter(|reaction| reaction.detected.is_some());
+    let noticed_ones =
+        || row.reactions.iter().filter(|reaction| reaction.detected.is_some() || reaction.told.is_some());
     let longest = |of: fn(&Reaction) -> Option<Span>| {
         let span = noticed_ones().filter_map(of).max();
         span.map_or_else(|| "-".to_owned(), |span| format!("{:.0}", span.as_s() * 1e3))
@@ -118,9 +121,9 @@ fn line(out: &mut String, row: &Row) {
         entry.name,
         places.join(", "),
         noticed(row),
-        longest(|r| r.detected.map(|(_, after)| after)),
-        longest(|r| r.safe_after),
-        longest(|r| r.recovered_after),
+        longest(|r| r.detected.map(|(_, after)| after).or(r.told.map(|(_, after)| after))),
+        longest(|r| r.safe_after.filter(|_| r.detected.is_some())),
+        longest(|r| r.recovered_after.or(r.sound_after)),
         entry.what,
     );
 }
@@ -134,7 +137,9 @@ fn noticed(row: &Row) -> String {
                 format!("{} {}, error {:#06x}", fault.code.name(), fault.index, reaction.drive_error)
             }
             Some((fault, _)) => format!("{} {}", fault.code.name(), fault.index),
-            None if reaction.ends_armed => "tolerated".to_owned(),
+            None if reaction.ends_armed => {
+                reaction.told.map_or_else(|| "tolerated".to_owned(), |(what, _)| format!("told: {what}, balances on"))
+            }
             None => "not armed".to_owned(),
         };
         if !names.contains(&name) {
@@ -160,10 +165,12 @@ mod tests {
         Stops(&'static [FaultCode], i64, i64),
         /// It balances on.
         Tolerated,
+        /// It balances on, and this is told within so many ms; sound words come again so many ms after the fault's end.
+        Told(&'static str, i64, i64),
         /// It is not armed.
         NotArmed,
     }
-    use Expected::{NotArmed, Stops, Tolerated};
+    use Expected::{NotArmed, Stops, Told, Tolerated};
     use FaultCode::{
         BusUnhealthy, DeadManReleased, DriveFault, DriveStale, ImuStale, OperatorStale, OutOfRange, Overrun,
     };
@@ -221,6 +228,20 @@ mod tests {
         ("imu_wrong_baud", Stops(&[ImuStale], 33, 35)),
         ("imu_nan", Stops(&[ImuStale], 33, 35)),
         ("imu_replug", Stops(&[ImuStale], 33, 35)),
+        ("lidar_check", Told("damaged scans", 1000, 100)),
+        ("lidar_split", Tolerated),
+        ("lidar_not_ready", Told("NotReady", 60, 800)),
+        ("lidar_laser_off", Told("LaserOff", 60, 800)),
+        ("lidar_hardware", Told("Hardware", 60, 800)),
+        ("lidar_half_open", Told("Silent", 170, 1000)),
+        ("lidar_time_wrap", Tolerated),
+        ("mocap_untracked", Told("Untracked", 20, 250)),
+        ("mocap_frozen", Told("Frozen", 120, 250)),
+        ("mocap_gaps", Told("FramesMissing", 500, 250)),
+        ("mocap_reordered", Told("FramesMissing", 500, 300)),
+        ("mocap_version", Told("BodyMissing", 30, 1500)),
+        ("mocap_clock_jump", Told("ClockJumped", 30, 250)),
+        ("mocap_section", Tolerated),
         ("joystick_unplugged", Stops(&[DeadManReleased, OperatorStale], 12, 15)),
         ("joystick_dropped", Stops(&[DeadManReleased], 12, 15)),
         ("joystick_axis_stuck", Stops(&[DeadManReleased], 72, 75)),
@@ -245,6 +266,17 @@ mod tests {
                 assert!(reaction.recovered_after.is_some(), "{name}: {:#x} in the way for ever", reaction.blockers);
             }
             Tolerated => assert!(reaction.ends_armed && reaction.detected.is_none(), "{name}: {reaction:?}"),
+            Told(what, within_ms, again_ms) => {
+                assert!(
+                    reaction.was_armed && reaction.ends_armed && reaction.detected.is_none(),
+                    "{name}: {reaction:?}"
+                );
+                let (told, after) = reaction.told.unwrap_or_else(|| panic!("{name} was not told"));
+                assert_eq!(told, *what, "{name}");
+                assert!(ms(after) <= *within_ms, "{name}: told after {} ms", ms(after));
+                let sound = reaction.sound_after.unwrap_or_else(|| panic!("{name}: never sound again"));
+                assert!(ms(sound) <= *again_ms, "{name}: sound again after {} ms", ms(sound));
+            }
             NotArmed => assert!(!reaction.ends_armed && reaction.safe_after.is_some(), "{name}: {reaction:?}"),
         }
     }
