@@ -42,6 +42,27 @@ fn simulated_run_is_recorded_and_replays_to_the_bit() {
 }
 
 #[test]
+fn a_run_with_a_lidar_and_with_cameras_is_recorded_with_their_streams_and_replays_to_the_bit() {
+    for (example, streams) in [("lidar.toml", &["lidar", "terrain"][..]), ("mocap.toml", &["mocap"])] {
+        let folder = tempfile::tempdir().unwrap();
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples").join(example);
+        let into = folder.path().to_str().unwrap();
+        let (code, stdout, stderr) =
+            compass(&["sim", "--config", config.to_str().unwrap(), "--for", "3", "--record", into]);
+        assert_eq!(code, 0, "{stdout}{stderr}");
+        let file = recording(folder.path());
+        let (code, stdout, _) = compass(&["inspect", &file]);
+        let count = |name: &str| {
+            let line = stdout.lines().find(|line| line.split_whitespace().next() == Some(name)).unwrap();
+            line.split_whitespace().nth(1).unwrap().parse::<u32>().unwrap()
+        };
+        assert!(code == 0 && streams.iter().all(|name| count(name) > 80), "{stdout}");
+        let (code, stdout, _) = compass(&["replay", &file, "--check"]);
+        assert_eq!((code, stdout.as_str()), (0, "3000 ticks alike to the bit\n"));
+    }
+}
+
+#[test]
 fn faults_are_listed_and_injected_and_what_is_misspelt_is_told() {
     let (code, stdout, _) = compass(&["sim", "--fault", "list"]);
     assert_eq!((code, stdout.lines().count()), (0, 64));

@@ -1,5 +1,6 @@
 //! `compass run`: the main job. RT: no; it assembles and watches the threads that are.
 
+mod lidar;
 mod mocap;
 mod mock;
 mod sinks;
@@ -20,6 +21,7 @@ use crate::rt::stop::{self, Stop};
 use crate::rt::tick::Tick;
 use crate::sensor::operator::Refused;
 use anyhow::Context;
+use lidar::Scanner;
 use mocap::Capture;
 use sinks::Archive;
 use std::io::Write;
@@ -106,7 +108,8 @@ impl Run for Args {
         let open = |path: &PathBuf| Window::open(path, &resolved.text).with_context(|| path.display().to_string());
         let window = self.watch_socket.as_ref().map(open).transpose().context("--watch-socket")?;
         let robot = self.name.clone().unwrap_or_else(|| default_name(&resolved.config));
-        let Assembled { running, mock, refused, locks } = assemble(&resolved, &robot, archive.sinks(window), &stop)?;
+        let Assembled { running, mock, scanner, refused, locks } =
+            assemble(&resolved, &robot, archive.sinks(window), &stop)?;
         let capture = capture(&resolved.config, &archive)?;
         let watcher = supervise::spawn(running.progress(), stop.clone(), self.run_for)?;
         let view = View::start(&view::Parts {
@@ -120,14 +123,14 @@ impl Run for Args {
         // A signal, the time, a person at the view or a panic ends it; the view itself does not.
         let summary = running.wait();
         drop((mock, locks));
-        let captured = capture.and_then(Capture::finish);
+        let beside = [scanner.and_then(Scanner::finish), capture.and_then(Capture::finish)];
         if watcher.join().is_err() {
             anyhow::bail!("the supervising thread failed");
         }
         let closed = archive.finish();
         let mut words = Vec::new();
         summary::write(&mut words, &summary, &closed)?;
-        captured.iter().try_for_each(|line| writeln!(words, "{line}"))?;
+        beside.iter().flatten().try_for_each(|line| writeln!(words, "{line}"))?;
         view.finish(String::from_utf8_lossy(&words).into_owned());
         outcome(&summary, stop::panics())
     }
@@ -136,7 +139,7 @@ impl Run for Args {
 /// Ground truth beside the run, if cameras are configured and there is a recording to put it into.
 fn capture(config: &Config, archive: &Archive) -> anyhow::Result<Option<Capture>> {
     let parts = config.robot.mocap.as_ref().zip(archive.poses());
-    parts.map(|(config, each)| Capture::start(config, each)).transpose()
+    parts.map(|(config, each)| Capture::start(config, each, archive.news())).transpose()
 }
 
 /// A real robot is called `robot`; simulated ones must not hear each other.
@@ -148,6 +151,7 @@ fn default_name(config: &Config) -> String {
 struct Assembled {
     running: Running,
     mock: Option<mock::MockRobot>,
+    scanner: Option<Scanner>,
     refused: Refused,
     locks: Vec<MasterLock>,
 }
@@ -157,11 +161,14 @@ fn assemble(resolved: &Resolved, robot: &str, sinks: Sinks, stop: &Stop) -> anyh
     let tick = Tick::new(config).map_err(|error| UsageError(error.to_string()))?;
     let wiring = wiring::open(config, robot)?;
     let (stop_frames, refused) = (tick.stop_frames(), wiring.hand.refused());
+    let start = |(lidar, line)| Scanner::start(lidar, line);
+    let (scanner, words) = config.robot.lidar.as_ref().zip(wiring.lidar).map(start).transpose()?.unzip();
     let parts = Parts {
         config: config.clone(),
         robot: robot.to_owned(),
         buses: wiring.buses,
         imu: wiring.imu,
+        lidar: words,
         hand: wiring.hand,
         stop_frames,
         missing: wiring.missing,
@@ -170,7 +177,7 @@ fn assemble(resolved: &Resolved, robot: &str, sinks: Sinks, stop: &Stop) -> anyh
         stop: stop.clone(),
     };
     let mock = wiring.mock.map(mock::MockRobot::start).transpose()?;
-    Ok(Assembled { running: process::start(tick, parts)?, mock, refused, locks: wiring.locks })
+    Ok(Assembled { running: process::start(tick, parts)?, mock, scanner, refused, locks: wiring.locks })
 }
 
 /// How the run ended. Letting the switch go is the ordinary end of it; anything else that was latched is a finding.

@@ -345,4 +345,6 @@ const fn start(m: &[f64; 4]) -> State {
 }
 
 #[cfg(test)]
+mod terrain_tests;
+#[cfg(test)]
 mod tests;

@@ -14,7 +14,7 @@ use crate::bus::line::SYNC_FRAME;
 use crate::bus::{SendError, Transmit};
 use crate::channel::ring::Ring;
 use crate::config::checked::{RealTime, Trigger};
-use crate::msg::{BUSES, BusHealth, FrameBatch, TickInput, TickRecord};
+use crate::msg::{BUSES, BusHealth, FrameBatch, LidarSample, TickInput, TickRecord};
 use crate::sensor::operator::Hand;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -44,6 +44,8 @@ pub struct ControlLoop<W, F> {
     pub wires: [Box<dyn Transmit + Send>; BUSES],
     /// The dead-man switch.
     pub hand: Hand,
+    /// Words of the lidar, if there is one.
+    pub lidar: Option<Arc<Ring<LidarSample>>>,
     /// Finished ticks, for the relay.
     pub handover: Arc<Ring<TickRecord>>,
     /// What a cycle waits for.
@@ -96,6 +98,7 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
         input.real_time_missing = self.real_time_missing;
         input.stop_requested = self.stop.is_requested();
         self.feed.collect(input);
+        input.lidar = self.lidar.as_deref().map_or_else(LidarSample::default, newest);
         input.operator = self.hand.poll(clock::now(), &desk.record.status);
         for (health, down) in input.bus_health.iter_mut().zip(desk.link_down) {
             *health = if down { (*health).max(BusHealth::Down) } else { *health };
@@ -125,6 +128,15 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
         desk.input.step_time = step_time;
         desk.input.index += 1;
     }
+}
+
+/// The newest word that waits; nothing if there is none.
+fn newest(words: &Ring<LidarSample>) -> LidarSample {
+    let mut newest = LidarSample::default();
+    for _ in 0..words.waiting() {
+        newest = words.pop().unwrap_or(newest);
+    }
+    newest
 }
 
 /// Hands over the frames one by one, each only while it is fresh: preempted on the way, what was decided a period ago is

@@ -20,8 +20,9 @@ use super::stop::{LastWords, Stop};
 use super::thread::{Awake, Missing};
 use crate::bus::{Receive, Transmit};
 use crate::channel::port::ChannelError;
+use crate::channel::ring::Ring;
 use crate::config::checked::{Config, Input, RealTime};
-use crate::msg::{BUSES, FrameBatch};
+use crate::msg::{BUSES, FrameBatch, LidarSample};
 use crate::sensor::operator::Hand;
 use spawn::{Desk, Shared, spawn_control, spawn_io, spawn_relay};
 use std::sync::Arc;
@@ -67,6 +68,8 @@ pub struct Parts {
     pub buses: [BusPort; BUSES],
     /// The IMU.
     pub imu: ImuPort,
+    /// Words of the lidar, if there is one; its thread is somebody else's.
+    pub lidar: Option<Arc<Ring<LidarSample>>>,
     /// The dead-man switch.
     pub hand: Hand,
     /// Stop frames of each bus.
@@ -166,8 +169,8 @@ pub fn start<W: Walk + Send + 'static>(walk: W, parts: Parts) -> Result<Running,
     let relay = spawn_relay(&shared, parts.robot, parts.sinks, timing.flight_recorder_ticks)?;
     let [bus0, bus1] = parts.buses;
     let words = LastWords { frames: parts.stop_frames, wires: [bus0.last_words, bus1.last_words] };
-    let desk =
-        Desk { walk, words, wires: [bus0.transmit, bus1.transmit], hand: parts.hand, simulated: parts.simulated };
+    let wires = [bus0.transmit, bus1.transmit];
+    let desk = Desk { walk, words, wires, lidar: parts.lidar, hand: parts.hand, simulated: parts.simulated };
     let (control, io) = spawn_loop(&shared, timing, desk, [bus0.receive, bus1.receive], parts.imu)?;
     let result = shared.launch(&reports, threads);
     let missing = Missing(shared.missing.load(Ordering::Relaxed));

@@ -123,6 +123,8 @@ pub struct MocapReader {
     counters: MocapCounters,
     /// Frames in a row that were of no use.
     useless: u32,
+    /// The server has to be asked at once who it is.
+    must_ask: bool,
     watch: Watch,
 }
 
@@ -162,7 +164,7 @@ impl MocapReader {
         };
         let counters = MocapCounters::default();
         let watch = Watch { counters, told: 0, bad: Stamp::NEVER, heard: Stamp::NEVER, unseen: None };
-        Self { source, last_frame: None, pose: ([0; 7], 0), counters, useless: 0, watch }
+        Self { source, last_frame: None, pose: ([0; 7], 0), counters, useless: 0, must_ask: false, watch }
     }
 
     /// What a NatNet server has to hear now: it sends to single clients only as long as they speak. To be said once a second.
@@ -173,6 +175,11 @@ impl MocapReader {
             Source::NatNet { server: Some(_), .. } => Some(&natnet::KEEP_ALIVE),
             Source::Vicon { .. } => None,
         }
+    }
+
+    /// True once after each time that the server has to be asked at once, not at the next second.
+    pub const fn takes_question(&mut self) -> bool {
+        std::mem::replace(&mut self.must_ask, false)
     }
 
     /// What was not as it should be.
@@ -217,7 +224,7 @@ impl MocapReader {
         if let Source::NatNet { server, .. } = &mut self.source
             && self.useless >= ASK_AGAIN
         {
-            (*server, self.useless) = (None, 0);
+            (*server, self.useless, self.must_ask) = (None, 0, true);
         }
         sample
     }

@@ -6,8 +6,16 @@ use crate::msg::{Drive, FaultCode, Mode};
 use crate::sim::scenario;
 use std::path::Path;
 
-const EXAMPLES: [&str; 6] =
-    ["mit.toml", "myactuator.toml", "odrive.toml", "moteus.toml", "profile_torque.toml", "mixed.toml"];
+const EXAMPLES: [&str; 8] = [
+    "mit.toml",
+    "myactuator.toml",
+    "odrive.toml",
+    "moteus.toml",
+    "profile_torque.toml",
+    "mixed.toml",
+    "lidar.toml",
+    "mocap.toml",
+];
 
 fn example(name: &str) -> Resolved {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples").join(name);

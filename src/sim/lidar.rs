@@ -385,3 +385,7 @@ fn information() -> Vec<Vec<u8>> {
 fn trimmed(line: &[u8]) -> &[u8] {
     line.strip_suffix(b"\n").unwrap_or(line)
 }
+
+#[cfg(test)]
+#[path = "lidar_tests.rs"]
+mod tests;

@@ -230,7 +230,8 @@ impl MocapHost {
 
     fn serve(&mut self, now: Stamp, server: &mut SimMocap) {
         self.news = None;
-        if let Some(request) = self.reader.request().filter(|_| now >= self.next_word) {
+        let due = self.reader.takes_question() || now >= self.next_word;
+        if let Some(request) = self.reader.request().filter(|_| due) {
             self.next_word = now + SPEAK_EVERY;
             server.hear(now, request);
         }

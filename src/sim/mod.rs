@@ -100,3 +100,5 @@ pub trait World: Send {
 mod drive_laws;
 #[cfg(test)]
 mod experiments;
+#[cfg(test)]
+mod terrain_tests;

@@ -1,6 +1,6 @@
 //! One line for a log: what a person would look at first. RT: no.
 
-use super::state::{State, mode_name};
+use super::state::{State, mode_name, terrain_in_words};
 use crate::msg::{FaultCode, Motion, RecorderState};
 use hdrhistogram::Histogram;
 
@@ -22,6 +22,9 @@ pub(super) fn line(state: &State) -> String {
     let doing = &state.tick.control;
     if doing.motion != Motion::Stand {
         line += &format!("  {} step {}", doing.motion.name(), doing.steps);
+    }
+    if let Some(terrain) = terrain_in_words(&state.tick.terrain) {
+        line += &format!("  terrain: {terrain}");
     }
     if status.first_fault.code != FaultCode::None {
         line += &format!("  fault {}", status.first_fault.code.name());

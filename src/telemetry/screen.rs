@@ -2,7 +2,7 @@
 
 use super::figure::{self, INNER, OUTER};
 use super::plain::microseconds;
-use super::state::{HISTORY_POINTS, State, mode_name};
+use super::state::{HISTORY_POINTS, State, mode_name, terrain_in_words};
 use crate::msg::{BusHealth, Drive, DriveState, Leg, Mode, Motion, RecorderState};
 use hdrhistogram::Histogram;
 use ratatui::Frame;
@@ -248,6 +248,9 @@ fn draw_loop(frame: &mut Frame<'_>, area: Rect, state: &State) {
         ]),
         recorder_line(state),
     ];
+    if let Some(terrain) = terrain_in_words(&state.tick.terrain) {
+        lines.push(Line::from(vec![dim("terrain "), Span::raw(terrain)]));
+    }
     for thread in &state.side.threads {
         let color = if thread.good { GOOD } else { BAD };
         lines.push(Line::from(vec![colored(format!("{:8}", thread.name), color), dim(thread.detail.clone())]));

@@ -3,7 +3,7 @@
 use super::Side;
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
-use crate::msg::{BUSES, FaultCode, Mode, TickRecord, ZeroState};
+use crate::msg::{BUSES, FaultCode, LidarState, Mode, Terrain, TerrainState, TickRecord, ZeroState};
 use hdrhistogram::Histogram;
 use std::collections::VecDeque;
 use std::io;
@@ -93,6 +93,7 @@ impl State {
         }
         self.notice_events(tick);
         self.notice_losses(tick);
+        self.notice_lidar(tick);
         record(&mut self.wake_ns, tick.input.wake_latency);
         record(&mut self.step_ns, tick.input.step_time);
         let batches = tick.input.received.iter().zip(&tick.output.send);
@@ -165,6 +166,17 @@ impl State {
         }
     }
 
+    /// What the lidar says of itself, told when it changes.
+    fn notice_lidar(&mut self, tick: &TickRecord) {
+        let (before, after) = (self.tick.terrain, tick.terrain);
+        if after.lidar != before.lidar {
+            self.event_at(tick.input.now, format!("lidar {}{}", after.lidar.name(), status_of(&after)));
+        }
+        if after.state != before.state && after.state == TerrainState::Holding {
+            self.event_at(tick.input.now, "no line of the floor: the attitude's last correction is held".to_owned());
+        }
+    }
+
     fn event(&mut self, text: String) {
         self.event_at(self.tick.input.now, text);
     }
@@ -183,6 +195,27 @@ fn missing_zeros(tick: &TickRecord) -> Option<String> {
     let toes = if toes.iter().all(|known| *known) { None } else { Some("hold the switch while the toes find theirs") };
     let todo: Vec<&str> = hip.into_iter().chain(toes).collect();
     (!todo.is_empty()).then(|| format!("zeros are missing: {}", todo.join(", ")))
+}
+
+/// The lidar's status where it tells more than the state's name.
+fn status_of(terrain: &Terrain) -> String {
+    let [a, b] = terrain.status.to_be_bytes().map(char::from);
+    let tells = matches!(terrain.lidar, LidarState::Hardware | LidarState::Refused);
+    if tells { format!(", status {a}{b}") } else { String::new() }
+}
+
+/// What the floor says of the attitude, in a line; nothing without a lidar.
+pub(super) fn terrain_in_words(terrain: &Terrain) -> Option<String> {
+    let zero = format!("{:+.3}° ±{:.3}°", terrain.zero_rad.to_degrees(), terrain.zero_sigma_rad.to_degrees());
+    match terrain.state {
+        TerrainState::Off => None,
+        TerrainState::Waiting => Some(format!("no floor yet, lidar {}", terrain.lidar.name())),
+        TerrainState::Following => Some(format!("attitude {zero} by {} lines", terrain.lines)),
+        TerrainState::Holding => {
+            let age_s = terrain.line_age.as_s();
+            Some(format!("attitude {zero} held for {age_s:.1} s, lidar {}", terrain.lidar.name()))
+        }
+    }
 }
 
 /// Puts an item at the end and takes the oldest away when there are too many.
@@ -214,6 +247,27 @@ pub(super) const fn mode_name(mode: Mode) -> &'static str {
 mod tests {
     use super::*;
     use crate::config;
+
+    #[test]
+    fn a_lidar_in_trouble_and_a_correction_that_is_held_are_told_when_they_begin() {
+        let mut state = State::new(&config::load(None, &[]).unwrap().config).unwrap();
+        let mut told = Vec::new();
+        for (ms, lidar, terrain) in [
+            (0, LidarState::Connecting, TerrainState::Waiting),
+            (1, LidarState::Streaming, TerrainState::Following),
+            (2, LidarState::Hardware, TerrainState::Following),
+            (3, LidarState::Hardware, TerrainState::Holding),
+            (4, LidarState::Hardware, TerrainState::Holding),
+        ] {
+            let mut tick = TickRecord::default();
+            tick.input.now = Stamp(0) + Span::from_ms(ms);
+            tick.terrain = Terrain { state: terrain, lidar, status: u16::from_be_bytes(*b"52"), ..Terrain::default() };
+            state.take(&tick);
+            told.extend(state.take_news());
+        }
+        let of = |what: &str| told.iter().filter(|line| line.contains(what)).count();
+        assert_eq!((of("lidar Hardware, status 52"), of("is held"), of("lidar Streaming")), (1, 1, 1), "{told:?}");
+    }
 
     #[test]
     fn losses_and_missing_zeros_are_told_and_not_at_every_tick() {

@@ -3,7 +3,7 @@
 use crate::config::checked::{Mocap, MocapSource};
 use crate::msg::MocapSample;
 use crate::rt::clock;
-use crate::sensor::mocap::{MocapCounters, MocapReader};
+use crate::sensor::mocap::{MocapCounters, MocapNews, MocapReader};
 use crate::sensor::natnet;
 use anyhow::Context;
 use std::io;
@@ -27,12 +27,17 @@ pub(super) struct Capture {
 }
 
 impl Capture {
-    /// Opens the port; `each` gets every pose.
-    pub(super) fn start(config: &Mocap, each: impl FnMut(&MocapSample) + Send + 'static) -> anyhow::Result<Self> {
+    /// Opens the port; `each` gets every pose, `tell` what a person should know.
+    pub(super) fn start(
+        config: &Mocap,
+        each: impl FnMut(&MocapSample) + Send + 'static,
+        tell: impl FnMut(String) + Send + 'static,
+    ) -> anyhow::Result<Self> {
         let socket = open(config).with_context(|| format!("robot.mocap.listen = {}", config.listen))?;
         let (over, config) = (Arc::<AtomicBool>::default(), config.clone());
         let flag = Arc::clone(&over);
-        let thread = Builder::new().name("mocap".into()).spawn(move || listen(&socket, &config, &flag, each))?;
+        let thread =
+            Builder::new().name("mocap".into()).spawn(move || listen(&socket, &config, &flag, (each, tell)))?;
         Ok(Self { over, thread: Some(thread) })
     }
 
@@ -70,23 +75,35 @@ fn open(config: &Mocap) -> io::Result<UdpSocket> {
     Ok(socket)
 }
 
-fn listen(socket: &UdpSocket, config: &Mocap, over: &AtomicBool, mut each: impl FnMut(&MocapSample)) -> MocapCounters {
+fn listen(
+    socket: &UdpSocket,
+    config: &Mocap,
+    over: &AtomicBool,
+    (mut each, mut tell): (impl FnMut(&MocapSample), impl FnMut(String)),
+) -> MocapCounters {
     let mut reader = MocapReader::new(config);
     let mut bytes = vec![0; LONGEST];
     let mut next_word = Instant::now();
     while !over.load(Ordering::Acquire) {
+        let due = reader.takes_question() || Instant::now() >= next_word;
         if let (MocapSource::NatNet { server, .. }, Some(request)) = (&config.source, reader.request())
-            && Instant::now() >= next_word
+            && due
         {
             // A server that is not there yet is asked again.
             drop(socket.send_to(request, server));
             next_word = Instant::now() + SPEAK_EVERY;
         }
-        let Ok((count, from)) = socket.recv_from(&mut bytes) else { continue };
-        if is_theirs(config, from.ip())
+        let received = socket.recv_from(&mut bytes);
+        if let Ok((count, from)) = received
+            && is_theirs(config, from.ip())
             && let Some(sample) = reader.take(clock::now(), &bytes[..count])
         {
             each(&sample);
+        }
+        match reader.news(clock::now()) {
+            Some(MocapNews::Trouble(trouble)) => tell(format!("motion capture: {}", trouble.in_words())),
+            Some(MocapNews::Sound) => tell("motion capture: poses are sound again".to_owned()),
+            None => {}
         }
     }
     *reader.counters()
@@ -112,7 +129,7 @@ mod tests {
         let listen = SocketAddr::from(([127, 0, 0, 1], port));
         let config = Mocap { listen, source: MocapSource::Vicon { body: "robot".into() } };
         let (out, samples) = mpsc::channel();
-        let capture = Capture::start(&config, move |sample| out.send(*sample).unwrap()).unwrap();
+        let capture = Capture::start(&config, move |sample| out.send(*sample).unwrap(), |_| {}).unwrap();
         let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
         let mut block = vec![9, 0, 0, 0, 1, 0, 72, 0];
         block.extend(crate::base::bytes::padded::<24>(b"robot"));

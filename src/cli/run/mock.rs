@@ -28,6 +28,8 @@ pub(super) struct MockParts {
     pub(super) ends: [Option<Loopback>; BUSES],
     /// The far end of the IMU's line, if that is simulated.
     pub(super) serial: Option<UnixStream>,
+    /// The far end of the lidar's line, if that is simulated.
+    pub(super) scanner: Option<UnixStream>,
     /// How far the robot has lived, for those who wait for its answers.
     pub(super) pulse: Arc<Pulse>,
 }
@@ -69,6 +71,7 @@ struct Body {
     plant: Plant,
     ends: [Option<(LoopbackTx, LoopbackRx)>; BUSES],
     serial: Option<UnixStream>,
+    scanner: Option<UnixStream>,
     pulse: Arc<Pulse>,
     batch: FrameBatch,
     bytes: Vec<u8>,
@@ -78,9 +81,12 @@ impl Body {
     fn new(parts: MockParts, world: Box<dyn World>) -> Self {
         let mut plant = Plant::with_world(&parts.config, world);
         plant.start_at(clock::now());
+        if let Some(lidar) = plant.lidar() {
+            lidar.connect();
+        }
         let ends = parts.ends.map(|end| end.map(Loopback::split));
         let (batch, bytes) = (FrameBatch::default(), Vec::with_capacity(4096));
-        Self { plant, ends, serial: parts.serial, pulse: parts.pulse, batch, bytes }
+        Self { plant, ends, serial: parts.serial, scanner: parts.scanner, pulse: parts.pulse, batch, bytes }
     }
 
     fn run(mut self, stop: &Stop) {
@@ -109,7 +115,21 @@ impl Body {
             // A full line drops bytes; the reader resynchronises.
             drop(serial.write(&self.bytes));
         }
+        self.speak_of_the_floor(now);
         self.pulse.beat(now);
+    }
+
+    /// The lidar's line, both ways.
+    fn speak_of_the_floor(&mut self, now: Stamp) {
+        let (Some(scanner), Some(lidar)) = (&mut self.scanner, self.plant.lidar()) else { return };
+        let mut request = [0; 256];
+        if let Ok(count) = scanner.read(&mut request) {
+            lidar.hear(now, &request[..count]);
+        }
+        self.bytes.clear();
+        lidar.take(now, &mut self.bytes);
+        // As above.
+        drop(scanner.write(&self.bytes));
     }
 
     fn hear(&mut self) {

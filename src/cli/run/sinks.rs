@@ -64,6 +64,12 @@ impl Archive {
         Some(move |pose: &MocapSample| recorder.push_pose(pose))
     }
 
+    /// Where news of other threads go, for the terminal.
+    pub(super) fn news(&self) -> impl FnMut(String) + Send + 'static {
+        let notices = Arc::clone(&self.notices);
+        move |line| notices.lock().unwrap_or_else(PoisonError::into_inner).push(line)
+    }
+
     /// How the recording is.
     pub(super) fn status(&self) -> Option<RecorderStatus> {
         self.recorder.as_ref().map(|recorder| recorder.status())

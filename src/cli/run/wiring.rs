@@ -13,6 +13,7 @@ use crate::rt::io::{ByteLine, ImuPort};
 use crate::rt::process::BusPort;
 use crate::rt::thread::Missing;
 use crate::sensor::imu::ImuReader;
+use crate::sensor::lidar::link::LidarLine;
 use crate::sensor::operator::Hand;
 use crate::sensor::serial::replug::LastingLine;
 use anyhow::Context;
@@ -25,6 +26,7 @@ use std::sync::Arc;
 pub(super) struct Wiring {
     pub(super) buses: [BusPort; BUSES],
     pub(super) imu: ImuPort,
+    pub(super) lidar: Option<LidarLine>,
     pub(super) hand: Hand,
     pub(super) mock: Option<MockParts>,
     pub(super) missing: Missing,
@@ -44,13 +46,15 @@ pub(super) fn open(config: &Config, robot: &str) -> anyhow::Result<Wiring> {
     let [(bus0, robot0, missing0), (bus1, robot1, missing1)] =
         [open_bus(config, 0, &pulse)?, open_bus(config, 1, &pulse)?];
     let (line, serial) = open_imu(config, &pulse)?;
+    let (lidar, scanner) = open_lidar(config)?;
     let ends = [robot0, robot1];
-    let mocked = ends.iter().any(Option::is_some) || serial.is_some();
+    let mocked = ends.iter().any(Option::is_some) || serial.is_some() || scanner.is_some();
     Ok(Wiring {
         buses: [bus0, bus1],
         imu: ImuPort::new(ImuReader::new(&config.robot.imu), line),
+        lidar,
         hand: Hand::open(config).context("robot.operator.source")?,
-        mock: mocked.then(|| MockParts { config: config.clone(), ends, serial, pulse }),
+        mock: mocked.then(|| MockParts { config: config.clone(), ends, serial, scanner, pulse }),
         missing: missing0 | missing1,
         locks,
     })
@@ -112,6 +116,16 @@ fn open_imu(config: &Config, pulse: &Arc<Pulse>) -> anyhow::Result<(Box<dyn Byte
             Ok((Box::new(RealLine(line)), None))
         }
     }
+}
+
+/// The line to the lidar, if there is one, and the far end of a simulated one.
+fn open_lidar(config: &Config) -> anyhow::Result<(Option<LidarLine>, Option<UnixStream>)> {
+    let Some(lidar) = &config.robot.lidar else { return Ok((None, None)) };
+    if let Some(line) = LidarLine::new(&lidar.link) {
+        return Ok((Some(line), None));
+    }
+    let (line, device) = LidarLine::pair()?;
+    Ok((Some(line), Some(device)))
 }
 
 /// The serial line of the simulated IMU.

@@ -6,7 +6,7 @@ use crate::bus::{Receive, Transmit};
 use crate::channel::port::Endpoint;
 use crate::channel::ring::Ring;
 use crate::config::checked::{RealTime, Robot, Thread};
-use crate::msg::{BUSES, TickRecord};
+use crate::msg::{BUSES, LidarSample, TickRecord};
 use crate::rt::awaited::Awaited;
 use crate::rt::control_loop::{ControlLoop, Walk};
 use crate::rt::feed::Feed;
@@ -92,6 +92,7 @@ pub(super) struct Desk<W> {
     pub(super) walk: W,
     pub(super) words: LastWords,
     pub(super) wires: [Box<dyn Transmit + Send>; BUSES],
+    pub(super) lidar: Option<Arc<Ring<LidarSample>>>,
     pub(super) hand: Hand,
     pub(super) simulated: bool,
 }
@@ -176,6 +177,7 @@ where
             feed,
             wires: desk.wires,
             hand: desk.hand,
+            lidar: desk.lidar,
             handover: shared.handover.clone(),
             awaited: shared.awaited.clone(),
             stop: shared.stop.clone(),

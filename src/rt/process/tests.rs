@@ -78,6 +78,7 @@ fn parts(name: &str, input: Input, trigger: Trigger) -> (Parts, [Loopback; BUSES
         robot: format!("test-process-{name}-{}", std::process::id()),
         buses: [a, b],
         imu: ImuPort::new(ImuReader::new(&config.robot.imu), Box::new(Silence)),
+        lidar: None,
         hand: Hand::open(&config).unwrap(),
         stop_frames: Default::default(),
         missing: Missing::default(),

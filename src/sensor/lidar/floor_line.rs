@@ -125,7 +125,7 @@ impl Fitter {
         let too_few = FloorLine { verdict: FloorVerdict::TooFew, points, ..FloorLine::default() };
         let Some((line, spread_m)) = self.least_median() else { return too_few };
         let Some((line, spread_m)) = self.reweight(line, spread_m) else { return too_few };
-        let mut found = self.judge(line, spread_m);
+        let Some(mut found) = self.judge(line, spread_m) else { return too_few };
         found.points = points;
         if found.roughness_m > self.roughest_m {
             found.verdict = FloorVerdict::TooRough;
@@ -218,7 +218,7 @@ impl Fitter {
     }
 
     /// Numbers of the line with their standard deviations.
-    fn judge(&self, line: Line, spread_m: f64) -> FloorLine {
+    fn judge(&self, line: Line, spread_m: f64) -> Option<FloorLine> {
         let mut sums = Sums::default();
         let (mut used, mut steps) = (0_u16, 0_u32);
         for p in self.taken() {
@@ -230,10 +230,11 @@ impl Fitter {
                 steps = steps.saturating_add(p.step);
             }
         }
+        sums.line()?;
         let (variance, clusters) = self.variance(line, spread_m, &sums);
         let [slope_sigma, height_sigma] = variance.map(libm::sqrt);
         let verdict = if clusters < LEAST_CLUSTERS { FloorVerdict::TooFew } else { FloorVerdict::Found };
-        FloorLine {
+        Some(FloorLine {
             verdict,
             lean_rad: [-line.angle_rad, slope_sigma],
             height_m: [line.height_m, height_sigma],
@@ -241,7 +242,7 @@ impl Fitter {
             points: 0,
             used,
             step: steps.checked_div(u32::from(used)).unwrap_or(0),
-        }
+        })
     }
 
     /// Of slope and height by clusters, and how many of these there are.
