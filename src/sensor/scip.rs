@@ -224,7 +224,8 @@ impl Reader {
                 }
                 _ => Place::Lost,
             },
-            Place::Time => match checked(line).filter(|time| time.len() == 4).and_then(decode) {
+            // A semicolon is a character of a value here as well.
+            Place::Time => match checked_data(line).filter(|time| time.len() == 4).and_then(decode) {
                 Some(time) => {
                     (self.scan.time_ms, self.scan.count, self.half_count) = (time & CLOCK_MASK, 0, 0);
                     Place::Data
@@ -278,7 +279,7 @@ impl Reader {
     }
 }
 
-/// A line of data: a semicolon is a character like others there.
+/// A line of values: a semicolon is a character like others there.
 fn checked_data(line: &[u8]) -> Option<&[u8]> {
     let (sum, body) = line.split_last()?;
     (check(body) == *sum).then_some(body)

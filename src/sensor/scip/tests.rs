@@ -76,6 +76,15 @@ fn a_stream_of_scans_is_read_in_pieces_of_any_size() {
 }
 
 #[test]
+fn a_scan_of_any_time_is_read_also_of_one_that_ends_with_a_semicolon() {
+    for time_ms in 0..128 {
+        let mut reader = Reader::default();
+        assert_eq!(replies(&mut reader, &scan_bytes(time_ms, &[1500; 30])).0, [Reply::Scan], "{time_ms}");
+        assert_eq!(reader.scan().time_ms, time_ms);
+    }
+}
+
+#[test]
 fn information_and_refusals_are_told_apart() {
     let mut reader = Reader::default();
     let reply = [&PARAMETERS[..], &line(b"00"), b"DMIN:23;7\n", b"SCAN:2400;U\n", b"\n"].concat();
