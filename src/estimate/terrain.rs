@@ -175,7 +175,7 @@ impl TerrainZero {
         let (before, after) = (before?, after?);
         let gap = after.stamp.since(before.stamp);
         let share = stamp.since(before.stamp).as_s() / gap.as_s();
-        (gap <= WIDEST_GAP).then(|| before.lean_rad + share * (after.lean_rad - before.lean_rad))
+        (gap <= WIDEST_GAP).then_some(before.lean_rad + share * (after.lean_rad - before.lean_rad))
     }
 
     /// What there is to tell.

@@ -1,6 +1,6 @@
 //! What carries a scanner's bytes: a TCP connection or a serial device, made anew when it is dead. RT: no, in an ordinary
 //! thread.
-#![expect(clippy::disallowed_methods, clippy::disallowed_types, reason = "in an ordinary thread")]
+#![expect(clippy::disallowed_types, reason = "in an ordinary thread")]
 
 use super::LidarReader;
 use crate::base::time::{Span, Stamp};
