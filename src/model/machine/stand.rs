@@ -9,7 +9,6 @@ use super::contact::Contact;
 use super::hold::Holder;
 use super::motion::{Phase, Plant, Work};
 use crate::base::scalar::Scalar;
-use crate::model::effect::friction::Grip;
 use crate::model::mechanism::Freedom;
 
 impl<S: Scalar> Plant<S> {
