@@ -1,7 +1,8 @@
 //! The streams of a recording, and the way from a tick to their messages and back. RT: no.
 //!
 //! A tick becomes: its head with all counts, then one message per frame and sample, then what each room said, `status`
-//! last. What the lidar and the terrain say is there only if there is a lidar. So a tick is whole exactly when its status is there, and everything that [`crate::msg::TickInput`] holds comes back.
+//! last. What the lidar and the terrain say is there only if there is a lidar. So a tick is whole exactly when its status is
+//! there, and everything that [`crate::msg::TickInput`] holds comes back.
 
 use super::cdr::{decode, encode};
 use crate::base::time::Stamp;

@@ -1,5 +1,6 @@
 use super::*;
 use crate::base::time::Span;
+use crate::msg::LidarSample;
 use crate::record::Recorder;
 use crate::record::stream::tests::random_record;
 use std::path::Path;
@@ -17,6 +18,8 @@ fn record_run(folder: &Path, ticks: std::ops::Range<u64>, mut spoil: impl FnMut(
         input.wake_latency = Span::from_us(20);
         input.stop_requested = false;
         input.operator.stamp = input.now;
+        // The default robot has none.
+        input.lidar = LidarSample::default();
         tick.step(&input, &mut record);
         let mut written = record;
         spoil(&mut written);
