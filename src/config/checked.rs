@@ -475,6 +475,8 @@ pub struct FootPlacement {
     pub angle_rad: f64,
     /// What it grows by with the speed that is aimed at, rad per m/s.
     pub angle_per_speed_s_m: f64,
+    /// Share of the speed that a step lacks, or has too much, by which the aim changes.
+    pub speed_share: f64,
     /// Smallest swing angle, rad.
     pub least_angle_rad: f64,
     /// Largest swing angle, rad.

@@ -12,7 +12,7 @@
 //! back so that the hip keeps its height over the mean floor, and pushes off at the end. The push makes up for the losses
 //! of a step of the length that is wanted.
 
-use super::landing::Landing;
+use super::landing::{Landing, SHORTEST_S};
 use super::motor_sign;
 use super::pendulum::{LONGEST_S, energy, time_to};
 use super::stance_toe::{StanceToe, by_stance, in_order};
@@ -94,7 +94,7 @@ impl FootPlacement {
     pub(super) fn step(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot, speed_m_s: f64) -> Wish {
         let mut step = match self.step {
             Some(step) if step.stance == e.stance => step,
-            before => self.begin(now, e, seen, before.as_ref()),
+            before => self.begin(now, e, seen, before.as_ref(), speed_m_s),
         };
         let since_s = now.since(step.since).as_s();
         self.fall_back(&mut step, now, e);
@@ -114,12 +114,20 @@ impl FootPlacement {
     }
 
     /// A new step; what the last one promised is compared with what came.
-    fn begin(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot, before: Option<&Step>) -> Step {
+    fn begin(
+        &mut self,
+        now: Stamp,
+        e: &Estimate,
+        seen: &Snapshot,
+        before: Option<&Step>,
+        speed_m_s: f64,
+    ) -> Step {
         let (stance_m, swing_m) = by_stance(&seen.toe_position_m, e.stance);
         if let Some(last) = before {
             self.landing.learn_floor(e, stance_m - swing_m);
             if !last.is_first && !last.is_back {
                 self.landing.learn_gain(e, last.next);
+                self.landing.learn_speed(e, now.since(last.since).as_s(), speed_m_s);
             }
         }
         self.new_step(now, e, stance_m, before.is_none())
@@ -211,7 +219,8 @@ impl FootPlacement {
         let swing_m = if step.swing_toe_out { n.toe_reach_m } else { 0.0 };
         let level_m = n.toe_nominal_m - n.floor_share * self.landing.height_m();
         let pushes = passed_rad > if step.is_first { FIRST_PUSH_RAD } else { n.push_rad };
-        let push_m = if pushes { step.push_m } else { 0.0 };
+        // A toe that goes in brakes, and takes clearance from the swing leg until that has passed.
+        let push_m = if pushes && (step.push_m > 0.0 || step.swing_toe_out) { step.push_m } else { 0.0 };
         let kept_m = n.toe_kept * (step.stance_toe.landed_m - level_m);
         let target_m = (level_m + kept_m + push_m).clamp(n.toe_least_m, n.toe_reach_m);
         let stance_m = step.stance_toe.toward(now, target_m, n.toe_bandwidth_rad_s);
@@ -224,8 +233,6 @@ const REACH_SHARE: f64 = 0.05;
 /// Beyond this lean, rad, and rate, rad/s, a robot without the energy to pass the vertical falls back.
 const BACK_FROM_RAD: f64 = 0.02;
 const BACK_FROM_RAD_S: f64 = 0.05;
-/// Shortest time of a step, s.
-const SHORTEST_S: f64 = 0.2;
 /// So long after its planned end the swing leg goes on backwards, s.
 const LONGEST_DRIFT_S: f64 = 0.4;
 /// The first push waits until the robot leans so far forward, rad.

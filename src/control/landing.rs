@@ -19,6 +19,8 @@ pub(super) struct Landing {
     steady: Steady,
     /// Gain of ξ² in a step that ends on each leg beyond the impact map's, rad²/s².
     gain: [f64; 2],
+    /// What is aimed at beyond what the steady walk's numbers say, m/s.
+    faster_m_s: f64,
     floor: Floor,
 }
 
@@ -82,6 +84,7 @@ impl Landing {
             numbers: config.control.foot_placement,
             steady: Steady::of_placement(&config.control.foot_placement),
             gain: [0.0; 2],
+            faster_m_s: 0.0,
             floor: Floor::default(),
         }
     }
@@ -89,6 +92,7 @@ impl Landing {
     /// Forgets.
     pub(super) const fn reset(&mut self) {
         self.gain = [self.numbers.first_gain; 2];
+        self.faster_m_s = 0.0;
         self.floor = Floor { height_m: 0.0, rise_m: 0.0 };
     }
 
@@ -112,6 +116,14 @@ impl Landing {
         self.set_gain(e.stance, learnt + self.numbers.learning * (gained - learnt));
     }
 
+    /// At a touchdown after a step that took `took_s`: of the speed that it lacked, a share is aimed at beyond from now on.
+    pub(super) fn learn_speed(&mut self, e: &Estimate, took_s: f64, asked_m_s: f64) {
+        let made_m = self.leg_m * (libm::sin(e.theta_stance_rad) - libm::sin(e.theta_swing_rad));
+        let lacks_m_s = asked_m_s - made_m / took_s.max(SHORTEST_S);
+        let faster_m_s = self.faster_m_s + self.numbers.speed_share * lacks_m_s;
+        self.faster_m_s = faster_m_s.clamp(-MOST_FASTER_M_S, MOST_FASTER_M_S);
+    }
+
     /// Swing angle at touchdown in steady walking at a speed, rad.
     pub(super) fn steady_rad(&self, speed_m_s: f64) -> f64 {
         let s = &self.steady;
@@ -123,7 +135,7 @@ impl Landing {
     /// slower than aimed at.
     fn aimed_m_s(&self, speed_m_s: f64) -> f64 {
         let s = &self.steady;
-        (s.aimed_m_s + s.aimed_per_speed * (speed_m_s - s.speed_m_s)).max(SLOWEST_M_S)
+        (s.aimed_m_s + s.aimed_per_speed * (speed_m_s - s.speed_m_s) + self.faster_m_s).max(SLOWEST_M_S)
     }
 
     /// Another law walks: its steady walking counts, in the steps of foot placement around it too.
@@ -227,6 +239,10 @@ const LEAST_RAD: f64 = 0.03;
 const MOST_RAD: f64 = 0.4;
 /// Slowest touchdown that is reckoned with, rad/s.
 const LEAST_RATE: f64 = 0.05;
+/// Most that is aimed at beyond the steady walk's numbers, m/s: half of a slow walk.
+const MOST_FASTER_M_S: f64 = 0.15;
+/// Shortest time of a step, s.
+pub(super) const SHORTEST_S: f64 = 0.2;
 /// Slowest speed that is aimed at, m/s.
 const SLOWEST_M_S: f64 = 0.1;
 /// Halvings of the foothold's range: .4 rad to .1 mrad.

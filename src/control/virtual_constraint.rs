@@ -35,6 +35,7 @@ pub(super) struct VirtualConstraint {
 #[derive(Clone, Copy, Debug)]
 struct Step {
     stance: Leg,
+    since: Stamp,
     /// Stance angle at s = 0, and what it loses until s = 1, rad.
     begins_rad: f64,
     range_rad: f64,
@@ -110,6 +111,7 @@ impl VirtualConstraint {
         landing.learn_floor(e, stance_m - swing_m);
         if let Some(last) = before {
             landing.learn_gain(e, last.next);
+            landing.learn_speed(e, now.since(last.since).as_s(), speed_m_s);
         }
         let begins_rad = e.theta_stance_rad;
         let goal = landing.aim(e, speed_m_s);
@@ -117,6 +119,7 @@ impl VirtualConstraint {
         let slope = e.theta_swing_rad_s / (-e.theta_stance_rad_s).max(LEAST_RATE_RAD_S);
         Step {
             stance: e.stance,
+            since: now,
             begins_rad,
             range_rad: self.range_rad(begins_rad, &goal),
             from: [e.theta_swing_rad, slope.clamp(-STEEPEST, STEEPEST)],

@@ -56,10 +56,8 @@ const SAMPLES: f64 = 3.0;
 /// So long after a touchdown the bias learns nothing: rates are means over some ms, and the legs ring.
 const SETTLING: Span = Span::from_ms(40);
 
-/// So long after a touchdown the weight raises no doubt. The drive's torque jumps there and the elastic hip rings at 10 Hz;
-/// on the outer leg the rate by gyro and encoder is wrong by the twist's rate, and the weight seemed to be on the other foot
-/// (share .9 to 1.2 where it was 0). Torque that faded then cost 5 of 12 walks of 150 steps on ±15 mm, none without.
-const RINGING: Span = Span::from_ms(90);
+/// So long after a touchdown the weight raises no doubt: the foot that has landed may bounce or slip.
+const LANDING: Span = Span::from_ms(20);
 
 /// Why there is no estimator for a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -128,7 +126,7 @@ impl Estimator {
             bias: BiasObserver::new(control.bias_time_s),
             terrain: TerrainZero::new(robot.lidar.as_ref()),
             touchdown: Detector::new(control.touchdown_spring_m),
-            weight: Weight::default(),
+            weight: Weight::new(std::f64::consts::TAU / robot.hip.encoder_counts_per_turn),
             leg_m: params.leg_length_m,
             longest_interval_s: SAMPLES * imu_period_s.max(period.as_s()),
             innovation_rad: [0.0; 2],
@@ -281,7 +279,7 @@ impl Estimator {
             self.weight.pause();
             return self.bias.restart();
         }
-        self.weight.step(&model, &measured, m.dt_s);
+        self.weight.step(&model, self.stance, &measured, m.dt_s);
         // A mean rate that mixes before and after a touchdown says nothing about the moment of gravity.
         if self.landed != Stamp::NEVER && self.last.since(self.landed) < SETTLING {
             return self.bias.restart();
@@ -290,9 +288,9 @@ impl Estimator {
         self.bias.step(&model.whole, &measured, believed, m.dt_s);
     }
 
-    /// The hip no longer rings from the last touchdown.
+    /// The foot stands that landed last.
     fn is_settled(&self, now: Stamp) -> bool {
-        self.landed == Stamp::NEVER || now.since(self.landed) >= RINGING
+        self.landed == Stamp::NEVER || now.since(self.landed) >= LANDING
     }
 
     const fn model(&self) -> &StanceModel {

@@ -24,9 +24,10 @@ const OLDEST: Span = Span::from_ms(20);
 /// A foot this far above the ground by the angles and toe lengths does not touch it, m: tiles of 30 mm, angles wrong by
 /// .5 degrees at steps of .4 m.
 const IN_THE_AIR_M: f64 = 0.045;
-/// The other foot carries the robot: share of the weight, and for how long in a row.
-const CARRIES: f64 = 0.65;
-const CARRIES_FOR: Span = Span::from_ms(10);
+/// The other foot carries the robot: share of the weight, and for how long in a row. A foot that begins or ends to slip
+/// looks like it for less.
+const CARRIES: f64 = 0.8;
+const CARRIES_FOR: Span = Span::from_ms(20);
 /// A new stance leg is affirmed or taken back within this time after the touchdown.
 const ON_TRIAL: Span = Span::from_ms(90);
 /// Not before this: the momentum observer needs its time.
