@@ -248,7 +248,7 @@ mod tests {
     fn a_landing_too_soft_for_the_springs_is_noticed_by_the_weight() {
         let mut walk = Walk::new();
         walk.on(200, AIR, 0.1);
-        assert_eq!(walk.on(20, AIR, 0.9), [Verdict::Changes]);
+        assert_eq!(walk.on(25, AIR, 0.9), [Verdict::Changes]);
         assert_eq!(walk.stance, Leg::Outer);
     }
 
