@@ -101,7 +101,7 @@ impl FootPlacement {
         let since_s = if step.is_back { now.since(step.since).as_s() } else { since_s };
         if !step.is_back {
             self.aim(&mut step, e, since_s, speed_m_s);
-            self.reach(&mut step, e);
+            self.reach(&mut step, e, speed_m_s);
         }
         let back = if step.is_back { -1.0 } else { 1.0 };
         let end = [step.goal_rad + step.reach_rad, -back * self.numbers.retraction_rad_s];
@@ -114,20 +114,15 @@ impl FootPlacement {
     }
 
     /// A new step; what the last one promised is compared with what came.
-    fn begin(
-        &mut self,
-        now: Stamp,
-        e: &Estimate,
-        seen: &Snapshot,
-        before: Option<&Step>,
-        speed_m_s: f64,
-    ) -> Step {
+    fn begin(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot, before: Option<&Step>, speed_m_s: f64) -> Step {
         let (stance_m, swing_m) = by_stance(&seen.toe_position_m, e.stance);
         if let Some(last) = before {
             self.landing.learn_floor(e, stance_m - swing_m);
             if !last.is_first && !last.is_back {
                 self.landing.learn_gain(e, last.next);
-                self.landing.learn_speed(e, now.since(last.since).as_s(), speed_m_s);
+                if speed_m_s > 0.0 {
+                    self.landing.learn_speed(e, now.since(last.since).as_s(), speed_m_s);
+                }
             }
         }
         self.new_step(now, e, stance_m, before.is_none())
@@ -191,10 +186,10 @@ impl FootPlacement {
     }
 
     /// The weight of a leg far ahead helps a slow robot over the vertical.
-    fn reach(&self, step: &mut Step, e: &Estimate) {
+    fn reach(&self, step: &mut Step, e: &Estimate, speed_m_s: f64) {
         let n = &self.numbers;
         let lacks = (n.slow_energy - energy(e)).max(0.0);
-        let is_behind = !step.is_first && e.theta_stance_rad > 0.0;
+        let is_behind = !step.is_first && e.theta_stance_rad > 0.0 && speed_m_s > 0.0;
         let wanted_rad = if is_behind { (n.reach_per_energy * lacks).min(n.reach_most_rad) } else { 0.0 };
         step.reach_rad += REACH_SHARE * (wanted_rad - step.reach_rad);
     }

@@ -151,7 +151,7 @@ impl Landing {
         let wanted_rad = self.steady_rad(speed_m_s);
         let passing = passing_rad_s(wanted_rad, aimed_m_s / self.leg_m);
         if stops {
-            return Foothold { angle_rad: self.foothold(e, STOPPING, wanted_rad, 0.0), ..Foothold::default() };
+            return Foothold { angle_rad: self.passable(e, STOPPING, 0.0), ..Foothold::default() };
         }
         let wanted = passing * passing;
         let steady_m = n.push_m + n.push_per_speed_s * (aimed_m_s - self.steady.aimed_m_s);

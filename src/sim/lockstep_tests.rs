@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config::load;
-use crate::msg::{Drive, FaultCode, Mode, ZeroState};
+use crate::msg::{Drive, FaultCode, Mode, Motion, ZeroState};
 use crate::sim::scenario::{self, Summary};
 
 const INNER: [&str; 0] = [];
@@ -32,6 +32,26 @@ fn balance(keys: &[&[&str]], seconds: i64) -> (Summary, Vec<f64>) {
         }
     });
     (summary, torque)
+}
+
+#[test]
+fn a_walk_that_is_told_to_stop_rests_on_both_feet_without_torque() {
+    let keys = ["control.controller=walk", "sim.on_blocks=false", "control.walk.stop_s=8.0"];
+    for seed in 1..=4 {
+        let seed = format!("sim.seed={seed}");
+        let mut lockstep = Lockstep::new(&config(&[&keys, &[&seed]])).unwrap();
+        let (length, tail) = (Span::from_ms(22_000), Span::from_ms(1000));
+        let mut legs_rad = [Vec::new(), Vec::new()];
+        let summary = scenario::run(&mut lockstep, length, tail, |record, reading| {
+            if record.control.motion == Motion::Rest {
+                legs_rad.iter_mut().zip(reading.leg_angle_rad).for_each(|(all, leg)| all.push(leg));
+            }
+        });
+        assert!(summary.stands() && summary.steps > 4, "{seed}: {summary:?}");
+        assert!(summary.tail_torque_nm.size() < 1e-9, "{seed}: {summary:?}");
+        let [inner, outer] = legs_rad.map(|leg| *leg.last().unwrap_or(&0.0));
+        assert!((inner - outer).abs() > 0.1 && inner * outer < 0.0, "{seed}: stands astride: {inner} {outer}");
+    }
 }
 
 /// Frequency, Hz, and amplitude of the strongest line above 5 Hz, by a discrete Fourier transform.

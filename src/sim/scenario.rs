@@ -59,7 +59,7 @@ pub struct Summary {
     pub tail_angle_rad: [Extent; 2],
     /// Torque over the tail, Nm.
     pub tail_torque_nm: Extent,
-    /// Error of the estimated stance angle over the tail, rad.
+    /// Error of the estimated stance angle over the tail, while the stance leg was right, rad.
     pub tail_error_rad: Extent,
     /// Estimated bias of the attitude at the end, rad.
     pub attitude_bias_rad: f64,
@@ -113,7 +113,10 @@ impl Summary {
         }
         if tail {
             self.tail_torque_nm.add(record.allowed.hip_torque_nm);
-            self.tail_error_rad.add(error(&record.estimate, angles));
+            // A leg that is told apart some ms later is no error of its angle.
+            if record.estimate.stance == reading.stance {
+                self.tail_error_rad.add(error(&record.estimate, angles));
+            }
         }
     }
 }
