@@ -48,10 +48,10 @@ impl Footsteps {
         }
     }
 
-    /// A change of stance, if there was one since the last look.
-    pub fn look(&mut self, now_s: f64, reading: &Reading) -> Option<Step> {
+    /// A change of stance, if there was one since the last look. A robot that rests rocks from foot to foot: no steps.
+    pub fn look(&mut self, now_s: f64, reading: &Reading, rests: bool) -> Option<Step> {
         let before = self.stance.replace(reading.stance)?;
-        if before == reading.stance {
+        if before == reading.stance || rests {
             return None;
         }
         let foot = |leg: Leg| {

@@ -20,7 +20,7 @@ use super::Reading;
 use super::plant::Plant;
 use crate::base::time::Stamp;
 use crate::config::checked::Config;
-use crate::msg::{FaultCode, Leg, Mode, TickRecord};
+use crate::msg::{FaultCode, Leg, Mode, Motion, TickRecord};
 use agreement::Agreement;
 use effort::Effort;
 use fall::{Cause, Happening, History, Irregularity};
@@ -115,7 +115,7 @@ impl Watch {
         }
         let now_s = now.since(Stamp::default()).as_s();
         self.armed_once |= record.status.mode == Mode::Armed;
-        self.look_at_steps(now_s, &reading);
+        self.look_at_steps(now_s, record.control.motion == Motion::Rest, &reading);
         self.effort.look(now_s, &reading, plant.hip_torque_nm());
         self.look_at_pushes(plant);
         if self.armed_once {
@@ -124,9 +124,9 @@ impl Watch {
         }
     }
 
-    fn look_at_steps(&mut self, now_s: f64, reading: &Reading) {
+    fn look_at_steps(&mut self, now_s: f64, rests: bool, reading: &Reading) {
         let usual_m = self.footsteps.usual_stride_m();
-        let Some(step) = self.footsteps.look(now_s, reading) else { return };
+        let Some(step) = self.footsteps.look(now_s, reading, rests) else { return };
         self.history.step();
         self.effort.step();
         if step.stride_m * self.footsteps.direction() < SCUFFED_STRIDE * usual_m {

@@ -30,12 +30,13 @@ fn distance_is_the_sum_of_the_strides_and_speed_leaves_the_first_out() {
     let leg_m = config.body().leg_length_m.value;
     let mut feet = Footsteps::new(&config);
     // The swing leg lands ahead: +.2 rad; the leg behind stands at -.2 rad then.
-    assert!(feet.look(0.0, &standing([0.0, 0.0], Leg::Inner)).is_none());
+    assert!(feet.look(0.0, &standing([0.0, 0.0], Leg::Inner), false).is_none());
     for k in 0..5_u32 {
         let (stance, angles) = if k % 2 == 0 { (Leg::Outer, [-0.2, 0.2]) } else { (Leg::Inner, [0.2, -0.2]) };
-        let step = feet.look(f64::from(k) * 0.5, &standing(angles, stance)).unwrap();
+        let step = feet.look(f64::from(k) * 0.5, &standing(angles, stance), false).unwrap();
         assert!((step.stride_m - 2.0 * leg_m * libm::sin(0.2)).abs() < 1e-12);
     }
+    assert!(feet.look(3.0, &standing([0.2, -0.2], Leg::Inner), true).is_none(), "it rocks at rest");
     assert_eq!(feet.steps(), 5);
     let stride_m = 2.0 * leg_m * libm::sin(0.2);
     assert!((feet.distance_m() - 5.0 * stride_m).abs() < 1e-12);
