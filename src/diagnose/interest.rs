@@ -1,16 +1,18 @@
-//! What was found and is no explanation: effects too small to matter, and numbers that the data do not tell from nothing.
+//! What was found and is no explanation: effects too small to matter, effects that recordings kept back refute, and numbers
+//! that the data do not tell from nothing.
 //!
-//! Both are told as seen, not as missing. This comes after everything is decided and fits again only what stays.
+//! All are told as seen, not as missing. This comes after everything is decided and fits again only what stays.
 //! RT: no.
 
 use crate::diagnose::answer_sets::member;
 use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::held_out::{HeldOut, ahead};
 use crate::diagnose::judge::accept::{is_admissible, strength_is_undetermined};
-use crate::diagnose::judge::criterion::{Context, explained_part};
+use crate::diagnose::judge::criterion::{Context, explained_part, explained_part_of};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::judge::numbers::MEMBER_GAIN;
-use crate::diagnose::judge::verdict::{Member, Seen, is_material};
+use crate::diagnose::judge::verdict::{Member, Seen, is_confirmed, is_material, is_refuted};
 use crate::diagnose::residual_force::Unlisted;
 use crate::diagnose::sentence;
 use std::collections::BTreeMap;
@@ -39,6 +41,7 @@ pub fn undetermined(added: &[SelectedEffect], seen: &[Seen], least: f64) -> Opti
 /// Why an effect that was found is not named.
 const TOO_SMALL: &str = "too small to matter";
 const UNDETERMINED: &str = "its 95 % interval reaches nothing";
+const REFUTED: &str = "recordings that were not fitted are predicted worse with it";
 
 /// What stays of a search, and what was only seen.
 #[derive(Clone, Debug)]
@@ -49,13 +52,21 @@ pub struct Kept {
     pub added: Vec<SelectedEffect>,
     /// What does not, in the order in which it was taken out.
     pub seen: Vec<Seen>,
+    /// Recordings that no fit saw, if there are any.
+    pub held_out: Option<HeldOut>,
 }
 
 impl Kept {
     /// Everything that was added.
     #[must_use]
     pub fn all(found: FittedModel, added: Vec<SelectedEffect>) -> Self {
-        Self { found, added, seen: Vec::new() }
+        Self { found, added, seen: Vec::new(), held_out: None }
+    }
+
+    /// The same, `held_out` to be asked as well.
+    #[must_use]
+    pub fn asking(self, held_out: Option<HeldOut>) -> Self {
+        Self { held_out, ..self }
     }
 
     /// Takes out, one by one, the effects whose strength is not told from nothing. Of two that share what they explain the first
@@ -76,13 +87,54 @@ impl Kept {
         self
     }
 
+    /// Takes out, the worst first, the effects without which recordings that were not fitted are predicted better: what explains
+    /// only what it was fitted to is no explanation. An event lives in one recording and is not asked.
+    #[must_use]
+    pub fn without_refuted(mut self, base: &FittedModel, context: &Context) -> Self {
+        while let Some((i, without)) = self.worst_refuted(base, context) {
+            self.take_out(i, without, REFUTED, context);
+        }
+        self
+    }
+
+    fn worst_refuted(&self, base: &FittedModel, context: &Context) -> Option<(usize, FittedModel)> {
+        let held_out = self.held_out.as_ref()?;
+        let lasting: Vec<usize> = (0..self.added.len()).filter(|i| self.added[*i].candidate.only.is_none()).collect();
+        let with = if lasting.is_empty() { None } else { held_out.residuals(&self.found.rig) };
+        let one = |i: usize| {
+            let without = self.without(i, base, context)?;
+            let there = held_out.residuals(&without.rig)?;
+            // A model that runs away where it was not fitted does not hold there.
+            let better = with.as_ref().map(|with| ahead(&there, with, &context.floors, context.seed));
+            let by = better.map_or(f64::INFINITY, |b| b.total);
+            better.is_none_or(is_refuted).then_some((i, by, without))
+        };
+        let worst = lasting.into_iter().filter_map(one).max_by(|a, b| a.1.total_cmp(&b.1));
+        worst.map(|(i, _, without)| (i, without))
+    }
+
+    /// Part of the misfit without effect `i` that it removes. Where recordings that were kept back are surely predicted better with
+    /// it, of those that were fitted; else of all of them together: what was bent to some shows there. An event lives in one of those
+    /// that were fitted.
+    fn share(&self, i: usize, without: &FittedModel, context: &Context) -> f64 {
+        let of_fitted = explained_part(without, &self.found, context);
+        let held_out = self.held_out.as_ref().filter(|_| self.added[i].candidate.only.is_none());
+        let there = held_out.and_then(|h| Some([h.residuals(&without.rig)?, h.residuals(&self.found.rig)?]));
+        let Some([had, has]) = there else { return of_fitted };
+        if is_confirmed(ahead(&has, &had, &context.floors, context.seed)) {
+            return of_fitted;
+        }
+        let (before, after) = ([&without.residuals, &had], [&self.found.residuals, &has]);
+        explained_part_of(before, after, &self.found.noise, context)
+    }
+
     /// Takes out, the least first, the effects that remove less than `least` of the misfit that is there without them.
     #[must_use]
     pub fn of_interest(mut self, least: f64, base: &FittedModel, context: &Context) -> Self {
         loop {
             let part = |i: usize| {
                 let without = self.without(i, base, context)?;
-                Some((i, explained_part(&without, &self.found, context), without))
+                Some((i, self.share(i, &without, context), without))
             };
             let parts = (0..self.added.len()).filter_map(part);
             let small = parts.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, part, _)| !is_material(*part, least));
@@ -120,7 +172,7 @@ impl Kept {
 
     fn take_out(&mut self, i: usize, without: FittedModel, why: &str, context: &Context) {
         let Member { effect, at, parameters, .. } = member(&self.found.clone().with_intervals(), context.given + i);
-        let share = explained_part(&without, &self.found, context);
+        let share = self.share(i, &without, context);
         self.seen.push(Seen {
             sentence: sentence::seen(&self.describe(i, context), share, why),
             effect,

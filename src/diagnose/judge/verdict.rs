@@ -29,6 +29,19 @@ pub fn is_material(share: f64, least: f64) -> bool {
     share >= least
 }
 
+/// True if a model without an effect predicts recordings that were not fitted so much better that it is no chance of which
+/// stretches of them there are.
+#[must_use]
+pub fn is_refuted(without_is_better: Difference) -> bool {
+    without_is_better.low > 0.0
+}
+
+/// True if a model with an effect predicts recordings that were not fitted better, and not by chance.
+#[must_use]
+pub fn is_confirmed(with_is_better: Difference) -> bool {
+    with_is_better.low > 0.0
+}
+
 /// True if a search that ended early may have missed something, by the part of the misfit that it explained.
 #[must_use]
 pub fn may_have_missed(explained_part: f64) -> bool {
