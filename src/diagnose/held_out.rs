@@ -4,7 +4,7 @@
 //! is the truth, a bristle on top of a leg's Coulomb friction. Nothing is fitted here but how each window begins.
 //! RT: no.
 
-use crate::diagnose::likelihood::{Difference, Residuals, blocks, difference, white};
+use crate::diagnose::likelihood::{Residuals, white};
 use crate::diagnose::outliers::clean;
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
@@ -47,11 +47,34 @@ impl HeldOut {
     }
 }
 
-/// How much better `a` predicts than `b`, under the noise that `a` leaves.
-#[must_use]
-pub fn ahead(a: &Residuals, b: &Residuals, floors: &[f64], seed: u64) -> Difference {
-    let noise = white(a, floors);
-    difference(&blocks(a, &noise), &blocks(b, &noise), seed)
+/// What an effect does to predictions, in squares of the noise that the better of two models leaves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Confirmation {
+    /// Squares of the change that it makes: by so much the error falls where the change is the truth, and rises where there is
+    /// nothing of the kind.
+    pub promised: f64,
+    /// By how much the error falls.
+    pub gained: f64,
+}
+
+impl Confirmation {
+    /// Of the effect that the one model has and the other has not.
+    #[must_use]
+    pub fn of(with: &Residuals, without: &Residuals, floors: &[f64]) -> Self {
+        let mut out = Self { promised: 0.0, gained: 0.0 };
+        let noises = white(with, floors).into_iter().zip(white(without, floors));
+        for ((with, without), (a, b)) in with.iter().zip(without).zip(noises) {
+            let sigma = a.sigma.min(b.sigma);
+            if !(sigma > 0.0 && sigma.is_finite()) {
+                continue;
+            }
+            for (x, y) in with.iter().flatten().zip(without.iter().flatten()) {
+                out.promised += ((x - y) / sigma).powi(2);
+                out.gained += (y * y - x * x) / (sigma * sigma);
+            }
+        }
+        out
+    }
 }
 
 #[cfg(test)]
@@ -88,7 +111,10 @@ mod tests {
         assert!((rms / 0.001 - 1.0).abs() < 0.15, "{rms}");
         let dragged = Rig::parse(&RIG.replacen("[[recording]]", &format!("{DRAG}[[recording]]"), 1), "rig.toml").unwrap();
         let wrong = held_out.residuals(&dragged).unwrap();
-        assert!(ahead(&truth, &wrong, &[1e-6], 1).low > 0.0 && ahead(&wrong, &truth, &[1e-6], 1).high < 0.0);
+        let Confirmation { promised, gained } = Confirmation::of(&wrong, &truth, &[1e-6]);
+        assert!(promised > 400.0 && (gained / promised + 1.0).abs() < 0.1, "{promised} {gained}");
+        let Confirmation { promised, gained } = Confirmation::of(&truth, &wrong, &[1e-6]);
+        assert!((gained / promised - 1.0).abs() < 0.1, "the other way round: {promised} {gained}");
     }
 
     #[test]

@@ -25,8 +25,8 @@
 //! | which of two? | 10 ahead; the simpler one with .95 of the gain | [`judge::exchange`], [`judge::simplicity`] |
 //! | what stands beside it? | within two deviations, or within the error of form | [`judge::credible_set`] |
 //! | nothing of the library? | a free force ahead of all that was listed | [`judge::nameless`] |
-//! | does it hold where it was not fitted? | recordings kept back are not predicted worse with it | [`judge::verdict`], [`interest`] |
-//! | does it matter? | .08 of the misfit of all recordings, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
+//! | does it hold where it was not fitted? | .25 of what it promises on recordings kept back, if it promises more than chance | [`judge::verdict`], [`held_out`] |
+//! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
 //!
 //! Beside these rules stands one evidence, [`judge::evidence`]: a likelihood whose form is not exact, less what its numbers and the
 //! search cost. It is computed at every acceptance, exchange and membership, written by `compass diagnose --trace FILE`, and

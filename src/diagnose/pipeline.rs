@@ -204,7 +204,8 @@ fn finished(
     said(&format!("last fit of the rivals, {}", spent(&found)));
     let (found, added) = converge_rivals(found, added, context);
     let kept = Kept::all(found, added).asking(held_out).without_undetermined(&base, context);
-    let Kept { found, added, seen, held_out } = kept.without_refuted(&base, context);
+    let Kept { found, added, seen, held_out } = kept;
+    let undetermined_only = seen.len();
     said(&format!("what is left, {}", spent(&found)));
     let strict = without_slow_noise(&base, context).or_else(|| as_leader_hears(&base, &added, &last, context));
     let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), context, said);
@@ -219,8 +220,10 @@ fn finished(
         }
     };
     let kept = Kept { found, added, seen, held_out };
-    let Kept { found, added, mut seen, .. } = kept.of_interest(options.least_share, &base, context);
-    let rest = rest.or_else(|| undetermined(&added, &seen, options.least_share));
+    let Kept { found, added, mut seen, .. } = kept.without_refuted(&base, context).of_interest(options.least_share, &base, context);
+    // What recordings kept back refute is nothing, unless the base leaves what is no noise.
+    let told = if is_misfit(&base.residuals, &context.floors) { seen.len() } else { undetermined_only };
+    let rest = rest.or_else(|| undetermined(&added, &seen[..told], options.least_share));
     let (rest, small) = split_by_interest(rest, options.least_share);
     seen.extend(small);
     seen.iter().for_each(|one| said(&one.sentence));

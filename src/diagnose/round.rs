@@ -419,3 +419,32 @@ pub fn polish(base: &FittedModel, trials: &mut [CandidateFit], context: &Context
     });
     rank(base, trials, context);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::candidates::Key;
+    use crate::model::rig::Side;
+
+    const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = 0.02\n";
+
+    #[test]
+    fn a_start_is_looked_at_within_its_allowance_and_its_cost_is_counted() {
+        let Shown { context, problem } = shown(LAG);
+        let base = problem.fitted("", 20, &context);
+        let key = Key { name: "time_constant", min: 0.0, max: 0.2, log: false };
+        let (effect, at, only, motor_sensor) = ("actuator_lag", "u".into(), None, None);
+        let starts = vec![vec![0.01], vec![0.03]];
+        let candidate = Candidate { effect, at, keys: vec![key], starts, only, motor_sensor, side: Side::Link };
+        let library = [candidate];
+        let before = base.problem.effort.spent();
+        let (ranked, costly) = screened(&base, &library, &base.noise);
+        assert_eq!((ranked.len(), costly), (2, 0));
+        assert!(ranked[0].2 > 100.0 && base.problem.effort.spent() > before);
+        let screen = ScoreTest::new(&base.problem, &base.point, &base.noise).unwrap();
+        let plain = vec![base.problem.run(0, &base.point.parameters, &base.point.states[0], false).unwrap()];
+        let look = |most: u64| promised(&base, &screen, &plain, (&library[0], &library[0].starts[0]), most);
+        assert!(look(1).is_err() && look(u64::MAX / 4).is_ok_and(|gain| gain > 100.0));
+    }
+}

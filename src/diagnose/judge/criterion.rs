@@ -5,8 +5,7 @@
 use super::evidence::Ledger;
 use super::numbers::{LEAST_GAIN, LEAST_GAIN_PER_SAMPLE, LEAST_PROMISE};
 use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::likelihood::{Difference, Residuals, difference};
-use crate::identify::noise::Colour;
+use crate::diagnose::likelihood::{Difference, difference};
 
 /// What every comparison needs to know of the case.
 #[derive(Clone, Debug)]
@@ -45,25 +44,14 @@ pub fn compare(a: &FittedModel, b: &FittedModel, context: &Context) -> Differenc
     difference(&a.blocks(&a.noise), &b.blocks(&a.noise), context.seed)
 }
 
-/// Part of the misfit energy that `after` removes, in units of the noise that it leaves.
+/// Part of the misfit energy above the noise that `after` removes.
 #[must_use]
 pub fn explained_part(before: &FittedModel, after: &FittedModel, context: &Context) -> f64 {
-    explained_part_of([&before.residuals], [&after.residuals], &after.noise, context)
-}
-
-/// The same of the residuals of several sets of recordings.
-#[must_use]
-pub fn explained_part_of<const N: usize>(
-    before: [&Residuals; N],
-    after: [&Residuals; N],
-    noise: &[Colour],
-    context: &Context,
-) -> f64 {
-    let energy = |residuals: &Residuals| -> f64 {
-        let runs = residuals.iter().zip(noise).zip(&context.floors).filter(|(_, f)| f.is_finite());
+    let energy = |h: &FittedModel| -> f64 {
+        let runs = h.residuals.iter().zip(&after.noise).zip(&context.floors).filter(|(_, f)| f.is_finite());
         runs.map(|((r, c), _)| r.iter().flatten().map(|x| (x / c.sigma).powi(2)).sum::<f64>()).sum()
     };
-    let (had, has): (f64, f64) = (before.into_iter().map(energy).sum(), after.into_iter().map(energy).sum());
+    let (had, has) = (energy(before), energy(after));
     if had > 0.0 { (1.0 - has / had).clamp(0.0, 1.0) } else { 0.0 }
 }
 
