@@ -109,7 +109,8 @@ mod tests {
         assert_eq!((truth.len(), truth[0].len(), truth[0][0].len()), (1, 1, 400), "the one that was kept back");
         let rms = libm::sqrt(truth[0][0].iter().map(|x| x * x).sum::<f64>() / 400.0);
         assert!((rms / 0.001 - 1.0).abs() < 0.15, "{rms}");
-        let dragged = Rig::parse(&RIG.replacen("[[recording]]", &format!("{DRAG}[[recording]]"), 1), "rig.toml").unwrap();
+        let dragged =
+            Rig::parse(&RIG.replacen("[[recording]]", &format!("{DRAG}[[recording]]"), 1), "rig.toml").unwrap();
         let wrong = held_out.residuals(&dragged).unwrap();
         let Confirmation { promised, gained } = Confirmation::of(&wrong, &truth, &[1e-6]);
         assert!(promised > 400.0 && (gained / promised + 1.0).abs() < 0.1, "{promised} {gained}");

@@ -220,7 +220,8 @@ fn finished(
         }
     };
     let kept = Kept { found, added, seen, held_out };
-    let Kept { found, added, mut seen, .. } = kept.without_refuted(&base, context).of_interest(options.least_share, &base, context);
+    let Kept { found, added, mut seen, .. } =
+        kept.without_refuted(&base, context).of_interest(options.least_share, &base, context);
     // What recordings kept back refute is nothing, unless the base leaves what is no noise.
     let told = if is_misfit(&base.residuals, &context.floors) { seen.len() } else { undetermined_only };
     let rest = rest.or_else(|| undetermined(&added, &seen[..told], options.least_share));
