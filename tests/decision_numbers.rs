@@ -14,6 +14,7 @@ const ROOMS: &[&str] = &[
     "converge_rivals.rs",
     "cross_validation.rs",
     "exchange.rs",
+    "held_out.rs",
     "interest.rs",
     "pairwise_exchange.rs",
     "ridge_restarts.rs",

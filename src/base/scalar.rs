@@ -48,31 +48,37 @@ pub trait Scalar:
     fn atan2(self, x: Self) -> Self;
 
     /// Zero.
+    #[inline]
     #[must_use]
     fn zero() -> Self {
         Self::constant(0.0)
     }
     /// One.
+    #[inline]
     #[must_use]
     fn one() -> Self {
         Self::constant(1.0)
     }
     /// Sine of an angle in rad.
+    #[inline]
     #[must_use]
     fn sin(self) -> Self {
         self.sin_cos().0
     }
     /// Cosine of an angle in rad.
+    #[inline]
     #[must_use]
     fn cos(self) -> Self {
         self.sin_cos().1
     }
     /// Absolute value; the derivative at 0 is that of the right side.
+    #[inline]
     #[must_use]
     fn abs(self) -> Self {
         if self.value() < 0.0 { -self } else { self }
     }
     /// -1, 0 or 1, a constant.
+    #[inline]
     #[must_use]
     fn sign(self) -> f64 {
         let v = self.value();
@@ -85,11 +91,13 @@ pub trait Scalar:
         }
     }
     /// Square.
+    #[inline]
     #[must_use]
     fn square(self) -> Self {
         self * self
     }
     /// `self` held within constant bounds; the derivative is 0 outside.
+    #[inline]
     #[must_use]
     fn clamp_to(self, low: f64, high: f64) -> Self {
         if self.value() < low {
@@ -107,33 +115,43 @@ pub trait Scalar:
 }
 
 impl Scalar for f64 {
+    #[inline]
     fn constant(value: f64) -> Self {
         value
     }
+    #[inline]
     fn value(self) -> f64 {
         self
     }
+    #[inline]
     fn sin_cos(self) -> (Self, Self) {
         libm::sincos(self)
     }
+    #[inline]
     fn tanh(self) -> Self {
         libm::tanh(self)
     }
+    #[inline]
     fn exp(self) -> Self {
         libm::exp(self)
     }
+    #[inline]
     fn ln(self) -> Self {
         libm::log(self)
     }
+    #[inline]
     fn sqrt(self) -> Self {
         libm::sqrt(self)
     }
+    #[inline]
     fn atan2(self, x: Self) -> Self {
         libm::atan2(self, x)
     }
+    #[inline]
     fn is_finite(self) -> bool {
         Self::is_finite(self)
     }
+    #[inline]
     fn is_varied(self) -> bool {
         false
     }
@@ -150,6 +168,7 @@ pub struct Dual<const N: usize> {
 
 impl<const N: usize> Dual<N> {
     /// The variable of direction `i`: value `v`, derivative 1 there. Beyond `N` it is a constant.
+    #[inline]
     #[must_use]
     pub fn variable(v: f64, i: usize) -> Self {
         let mut d = [0.0; N];
@@ -181,16 +200,19 @@ impl<const N: usize> Dual<N> {
 }
 
 impl<const N: usize> Default for Dual<N> {
+    #[inline]
     fn default() -> Self {
         Self { v: 0.0, d: [0.0; N] }
     }
 }
 impl<const N: usize> PartialEq for Dual<N> {
+    #[inline]
     fn eq(&self, other: &Self) -> bool {
         self.v == other.v
     }
 }
 impl<const N: usize> PartialOrd for Dual<N> {
+    #[inline]
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         self.v.partial_cmp(&other.v)
     }
@@ -286,38 +308,48 @@ impl<const N: usize> DivAssign for Dual<N> {
 }
 
 impl<const N: usize> Scalar for Dual<N> {
+    #[inline]
     fn constant(value: f64) -> Self {
         Self { v: value, d: [0.0; N] }
     }
+    #[inline]
     fn value(self) -> f64 {
         self.v
     }
+    #[inline]
     fn sin_cos(self) -> (Self, Self) {
         let (s, c) = libm::sincos(self.v);
         (self.chain(s, c), self.chain(c, -s))
     }
+    #[inline]
     fn tanh(self) -> Self {
         let t = libm::tanh(self.v);
         self.chain(t, 1.0 - t * t)
     }
+    #[inline]
     fn exp(self) -> Self {
         let e = libm::exp(self.v);
         self.chain(e, e)
     }
+    #[inline]
     fn ln(self) -> Self {
         self.chain(libm::log(self.v), 1.0 / self.v)
     }
+    #[inline]
     fn sqrt(self) -> Self {
         let r = libm::sqrt(self.v);
         self.chain(r, if r > 0.0 { 0.5 / r } else { 0.0 })
     }
+    #[inline]
     fn atan2(self, x: Self) -> Self {
         let n = self.v * self.v + x.v * x.v;
         self.zip(x, libm::atan2(self.v, x.v), x.v / n, -self.v / n)
     }
+    #[inline]
     fn is_finite(self) -> bool {
         self.v.is_finite() && self.d.iter().all(|x| x.is_finite())
     }
+    #[inline]
     fn is_varied(self) -> bool {
         self.d.iter().any(|x| x.abs() > 0.0)
     }

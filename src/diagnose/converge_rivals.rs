@@ -2,7 +2,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::budget::{allowance, within};
+use crate::diagnose::budget::{allowance, is_spent, within};
 use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::exchange::in_its_place;
 use crate::diagnose::fitted_model::FittedModel;
@@ -35,6 +35,9 @@ pub fn converge_rivals(
     }
     let most = allowance(&found);
     for (i, a) in added.iter_mut().enumerate() {
+        if is_spent(&found) {
+            break;
+        }
         let total = |h: &FittedModel| -> f64 { h.blocks(&found.noise).iter().sum() };
         let comparable = |t: &&mut CandidateFit| t.hypothesis.rig.effects.len() == found.rig.effects.len();
         let near = |t: &&mut CandidateFit| t.gain > NEARBY * a.gain && !t.candidate.is_same_as(&a.candidate);

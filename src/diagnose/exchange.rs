@@ -3,7 +3,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::budget::{allowance, within};
+use crate::diagnose::budget::{allowance, is_spent, within};
 use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::accept::is_admissible;
@@ -29,7 +29,7 @@ pub fn exchange_and_eliminate(
         return (found, added);
     }
     let mut i = 0;
-    while i < added.len() {
+    while i < added.len() && !is_spent(&found) {
         let Some(without) = refit_without(&found, first + i, context) else { break };
         let kept = compare(&found, &without, context);
         if !earns_its_place(&added[i].candidate, kept, context) {

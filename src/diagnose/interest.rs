@@ -1,18 +1,22 @@
-//! What was found and is no explanation: effects too small to matter, and numbers that the data do not tell from nothing.
+//! What was found and is no explanation: effects too small to matter, effects that recordings kept back refute, and numbers
+//! that the data do not tell from nothing.
 //!
-//! Both are told as seen, not as missing. This comes after everything is decided and fits again only what stays.
+//! All are told as seen, not as missing. This comes after everything is decided and fits again only what stays.
 //! RT: no.
 
 use crate::diagnose::answer_sets::member;
 use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::held_out::{Confirmation, HeldOut};
 use crate::diagnose::judge::accept::{is_admissible, strength_is_undetermined};
 use crate::diagnose::judge::criterion::{Context, explained_part};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::judge::numbers::MEMBER_GAIN;
-use crate::diagnose::judge::verdict::{Member, Seen, is_material};
+use crate::diagnose::judge::verdict::{Member, Seen, is_material, is_refuted};
+use crate::diagnose::likelihood::white;
 use crate::diagnose::residual_force::Unlisted;
 use crate::diagnose::sentence;
+use crate::identify::fit::Limits;
 use std::collections::BTreeMap;
 
 /// A force without a name, if it matters; else as what was only seen.
@@ -39,6 +43,10 @@ pub fn undetermined(added: &[SelectedEffect], seen: &[Seen], least: f64) -> Opti
 /// Why an effect that was found is not named.
 const TOO_SMALL: &str = "too small to matter";
 const UNDETERMINED: &str = "its 95 % interval reaches nothing";
+const REFUTED: &str = "recordings that were not fitted speak against it";
+
+/// As [`refit_without`] does it.
+const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
 /// What stays of a search, and what was only seen.
 #[derive(Clone, Debug)]
@@ -49,13 +57,21 @@ pub struct Kept {
     pub added: Vec<SelectedEffect>,
     /// What does not, in the order in which it was taken out.
     pub seen: Vec<Seen>,
+    /// Recordings that no fit saw, if there are any.
+    pub held_out: Option<HeldOut>,
 }
 
 impl Kept {
     /// Everything that was added.
     #[must_use]
     pub fn all(found: FittedModel, added: Vec<SelectedEffect>) -> Self {
-        Self { found, added, seen: Vec::new() }
+        Self { found, added, seen: Vec::new(), held_out: None }
+    }
+
+    /// The same, `held_out` to be asked as well.
+    #[must_use]
+    pub fn asking(self, held_out: Option<HeldOut>) -> Self {
+        Self { held_out, ..self }
     }
 
     /// Takes out, one by one, the effects whose strength is not told from nothing. Of two that share what they explain the first
@@ -74,6 +90,30 @@ impl Kept {
             self.take_out(i, without, UNDETERMINED, context);
         }
         self
+    }
+
+    /// Takes out, the worst first, the effects that recordings kept back refute: what explains only what it was fitted to is no
+    /// explanation. An event lives in one recording and is not asked.
+    #[must_use]
+    pub fn without_refuted(mut self, base: &FittedModel, context: &Context) -> Self {
+        while let Some((i, without)) = self.worst_refuted(base, context) {
+            self.take_out(i, without, REFUTED, context);
+        }
+        self
+    }
+
+    fn worst_refuted(&self, base: &FittedModel, context: &Context) -> Option<(usize, FittedModel)> {
+        let held_out = self.held_out.as_ref()?;
+        let lasting: Vec<usize> = (0..self.added.len()).filter(|i| self.added[*i].candidate.only.is_none()).collect();
+        let with = if lasting.is_empty() { None } else { held_out.residuals(&self.found.rig) }?;
+        let one = |i: usize| {
+            let without = self.without(i, base, context)?;
+            let told = Confirmation::of(&with, &held_out.residuals(&without.rig)?, &context.floors);
+            let numbers = self.added[i].candidate.keys.len();
+            is_refuted(told.promised, told.gained, numbers, context).then_some((i, told.gained, without))
+        };
+        let worst = lasting.into_iter().filter_map(one).min_by(|a, b| a.1.total_cmp(&b.1));
+        worst.map(|(i, _, without)| (i, without))
     }
 
     /// Takes out, the least first, the effects that remove less than `least` of the misfit that is there without them.
@@ -113,9 +153,26 @@ impl Kept {
         true
     }
 
-    /// The best model without effect `i`.
+    /// The best model without effect `i`: from where the others stand, and from the base's numbers, as they may have bent to it.
     fn without(&self, i: usize, base: &FittedModel, context: &Context) -> Option<FittedModel> {
-        if self.added.len() == 1 { Some(base.clone()) } else { refit_without(&self.found, context.given + i, context) }
+        if self.added.len() == 1 {
+            return Some(base.clone());
+        }
+        let beside = refit_without(&self.found, context.given + i, context);
+        let from_base = self.refit_from_base(i, base, context);
+        let total = |h: &FittedModel| -> f64 { h.blocks(&self.found.noise).iter().sum() };
+        beside.into_iter().chain(from_base).max_by(|a, b| total(a).total_cmp(&total(b)))
+    }
+
+    fn refit_from_base(&self, i: usize, base: &FittedModel, context: &Context) -> Option<FittedModel> {
+        let mut rig = base.rig.clone();
+        rig.sensors.clone_from(&self.found.rig.sensors);
+        rig.effects.extend_from_slice(&self.found.rig.effects[context.given..]);
+        rig.effects.remove(context.given + i);
+        let (problem, start) = base.extended(rig);
+        let noise = white(&base.residuals, &context.floors);
+        let first = FittedModel::fitted(problem, start, &noise, &context.floors, REFIT)?;
+        first.polished(&self.found.noise, &context.floors, REFIT)
     }
 
     fn take_out(&mut self, i: usize, without: FittedModel, why: &str, context: &Context) {
@@ -141,6 +198,8 @@ impl Kept {
 mod tests {
     use super::*;
     use crate::diagnose::candidate_fit::worked::{Shown, shown};
+    use crate::identify::experiment::{Experiment, Recording};
+    use crate::model::rig::Use;
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
     const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = ";
@@ -191,6 +250,26 @@ mod tests {
     fn a_rival_that_is_determined_takes_its_place() {
         let kept = without_undetermined(true);
         assert_eq!((kept.added[0].candidate.effect, kept.seen.len()), ("actuator_lag", 0));
+    }
+
+    /// A pendulum with `hidden` drag, for which `DRAG` of .004 was taken; the same samples as a recording that was kept back.
+    fn asked_elsewhere(hidden: &str) -> Kept {
+        let Shown { context, problem } = shown(hidden);
+        let base = problem.fitted("", 20, &context);
+        let found = problem.fitted(&format!("{DRAG}0.004\n"), 20, &context);
+        let kept_back = Recording { usage: Use::Heldout, ..found.problem.recordings[0].clone() };
+        let experiment = Experiment { rig: base.rig.clone(), recordings: vec![kept_back] };
+        let added = problem.added("quadratic_drag", "q1", 1000.0, Vec::new());
+        let held_out = HeldOut::of(&experiment, &found.rig);
+        Kept::all(found, vec![added]).asking(held_out).without_refuted(&base, &context)
+    }
+
+    #[test]
+    fn an_effect_that_spoils_what_was_not_fitted_is_not_named_and_one_that_holds_there_is() {
+        let refuted = asked_elsewhere("");
+        assert!(refuted.added.is_empty());
+        assert!(refuted.seen[0].sentence.contains("speak against it"), "{:?}", refuted.seen);
+        assert_eq!(asked_elsewhere(&format!("{DRAG}0.004\n")).added.len(), 1);
     }
 
     #[test]

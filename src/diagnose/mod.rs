@@ -8,7 +8,8 @@
 //! 3. [`pairwise_exchange`], [`mod@exchange`], [`mod@converge_rivals`]: neighbours of the selected model, each kept if better.
 //! 4. [`residual_force`]: does a force without a name say more ([`free_curve`], [`change_point`])? Are all recordings of one
 //!    machine ([`pooling_test`])?
-//! 5. [`interest`]: what is too small to matter, or not told from nothing, is seen and not named.
+//! 5. [`interest`]: what is too small to matter, not told from nothing, or refuted by recordings that were kept back
+//!    ([`held_out`]), is seen and not named.
 //! 6. [`validation`]: free runs on recordings that were never fitted; [`answer_sets`], [`localise`], [`laws`], [`sentence`],
 //!    [`tables`], [`headline`]: the answer in numbers, curves and words.
 //!
@@ -24,6 +25,7 @@
 //! | which of two? | 10 ahead; the simpler one with .95 of the gain | [`judge::exchange`], [`judge::simplicity`] |
 //! | what stands beside it? | within two deviations, or within the error of form | [`judge::credible_set`] |
 //! | nothing of the library? | a free force ahead of all that was listed | [`judge::nameless`] |
+//! | does it hold where it was not fitted? | .25 of what it promises on recordings kept back, if it promises more than chance | [`judge::verdict`], [`held_out`] |
 //! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
 //!
 //! Beside these rules stands one evidence, [`judge::evidence`]: a likelihood whose form is not exact, less what its numbers and the
@@ -62,6 +64,7 @@ pub mod exchange;
 pub mod fitted_model;
 pub mod free_curve;
 pub mod headline;
+pub mod held_out;
 pub mod identification;
 pub mod initial_guesses;
 pub mod initial_states;

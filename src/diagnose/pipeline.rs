@@ -10,6 +10,7 @@ use crate::diagnose::converge_rivals::converge_rivals;
 use crate::diagnose::exchange::exchange_and_eliminate;
 use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::headline::{costs, headline};
+use crate::diagnose::held_out::HeldOut;
 use crate::diagnose::initial_guesses::candidates;
 use crate::diagnose::input_checks::{at_bounds, contradicted, suspicions};
 use crate::diagnose::interest::{Kept, split_by_interest, undetermined};
@@ -113,7 +114,8 @@ pub fn diagnose(
     let start = Start::of(experiment, options, &mut said)?;
     let selection = searched(experiment, &start, &mut said);
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
-    let answer = finished(start.given.clone(), selection, &start.context, options, &mut said);
+    let held_out = HeldOut::of(experiment, &selection.found.rig);
+    let answer = finished(start.given.clone(), selection, (held_out, options), &start.context, &mut said);
     let (clean, left_out) = cleaned(experiment, &answer.explained().rig);
     let mut warnings = warnings(experiment, start.dropped.max(left_out));
     warnings.extend(answer.warnings(experiment, cut_short, &start.context));
@@ -184,24 +186,27 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) 
 fn finished(
     given: FittedModel,
     selection: Selection,
+    (held_out, options): (Option<HeldOut>, Options),
     context: &Context,
-    options: Options,
     said: &mut dyn FnMut(&str),
 ) -> Found {
     let Selection { base, found, mut added, last, .. } = selection;
     let refit = compare(&base, &given, context);
     let refit_needed = refit_is_needed(refit, base.point.parameters.len(), context);
     said(&format!("re-fit gains {:.0}", refit.total));
-    said("pairs exchanged");
+    let spent = |of: &FittedModel| format!("effort {:.0} M", 1e-6 * of.problem.effort.spent() as f64);
+    said(&format!("pairs exchanged, {}", spent(&found)));
     let found = exchange_pairs(found, &mut added, &last, context, said);
-    said("each exchanged and left out");
+    said(&format!("each exchanged and left out, {}", spent(&found)));
     let (found, added) = exchange_and_eliminate(found, added, context);
-    said("last fit");
+    said(&format!("last fit, {}", spent(&found)));
     let found = settled(restart_along_ridges(found, context), context);
-    said("last fit of the rivals");
+    said(&format!("last fit of the rivals, {}", spent(&found)));
     let (found, added) = converge_rivals(found, added, context);
-    let Kept { found, added, seen } = Kept::all(found, added).without_undetermined(&base, context);
-    said("what is left");
+    let kept = Kept::all(found, added).asking(held_out).without_undetermined(&base, context);
+    let Kept { found, added, seen, held_out } = kept;
+    let undetermined_only = seen.len();
+    said(&format!("what is left, {}", spent(&found)));
     let strict = without_slow_noise(&base, context).or_else(|| as_leader_hears(&base, &added, &last, context));
     let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), context, said);
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
@@ -214,8 +219,12 @@ fn finished(
             (found, added, rest)
         }
     };
-    let Kept { found, added, mut seen } = Kept { found, added, seen }.of_interest(options.least_share, &base, context);
-    let rest = rest.or_else(|| undetermined(&added, &seen, options.least_share));
+    let kept = Kept { found, added, seen, held_out };
+    let Kept { found, added, mut seen, .. } =
+        kept.without_refuted(&base, context).of_interest(options.least_share, &base, context);
+    // What recordings kept back refute is nothing, unless the base leaves what is no noise.
+    let told = if is_misfit(&base.residuals, &context.floors) { seen.len() } else { undetermined_only };
+    let rest = rest.or_else(|| undetermined(&added, &seen[..told], options.least_share));
     let (rest, small) = split_by_interest(rest, options.least_share);
     seen.extend(small);
     seen.iter().for_each(|one| said(&one.sentence));

@@ -7,6 +7,7 @@
 //! stop beside its line, damped to reach it (seen: 8.1 Hz at .08 where 6.7 Hz at .03 leaves half as much).
 //! RT: no.
 
+use crate::diagnose::budget::is_spent;
 use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::criterion::Context;
 use crate::identify::fit::Limits;
@@ -26,6 +27,9 @@ pub fn restart_along_ridges(found: FittedModel, context: &Context) -> FittedMode
     let noise = found.noise.clone();
     let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
     STARTS.iter().fold(found, |best, shares| {
+        if is_spent(&best) {
+            return best;
+        }
         let places = (0..best.rig.effects.len()).flat_map(|e| shares.iter().map(move |share| (e, *share)));
         let starts: Vec<Rig> = places
             .filter_map(|(e, share)| moved(&best.rig, e, share).or_else(|| beside(&best.rig, e, share)))

@@ -4,7 +4,7 @@
 //! parameters from the base solution, and ranked under the noise that the best of them leaves.
 //! RT: no.
 
-use crate::diagnose::budget::{allowance, within};
+use crate::diagnose::budget::{allowance, allowance_of_a_look, within};
 use crate::diagnose::candidate_fit::{CandidateFit, MOST_EFFORT, with_effect};
 use crate::diagnose::candidates::{Candidate, look_alike};
 use crate::diagnose::fitted_model::FittedModel;
@@ -14,8 +14,9 @@ use crate::diagnose::likelihood::{blocks, white};
 use crate::diagnose::score_test::{Column, Own, ScoreTest};
 use crate::diagnose::state_continuity::{has_continuous_states, has_more_states};
 use crate::diagnose::subsample::{Subsample, subsampled};
-use crate::identify::fit::{FreeRuns, Limits, Series};
+use crate::identify::fit::{FreeRuns, Limits, Point, Series};
 use crate::identify::noise::Colour;
+use crate::identify::problem::Problem;
 use crate::model::rig::{Scope, Slot};
 use rayon::prelude::*;
 
@@ -45,39 +46,63 @@ type Ranked<'c> = (&'c Candidate, &'c [f64], f64);
 ///
 /// Base parameters and initial states are followed along the base solution's own tangent: a start then costs one run
 /// with its few own directions instead of a full linearisation.
-fn screened<'c>(base: &FittedModel, library: &'c [Candidate], noise: &[Colour]) -> Vec<Ranked<'c>> {
-    let Some(screen) = ScoreTest::new(&base.problem, &base.point, noise) else { return Vec::new() };
+///
+/// Given besides: how many starts were too costly to follow and were not tried.
+fn screened<'c>(base: &FittedModel, library: &'c [Candidate], noise: &[Colour]) -> (Vec<Ranked<'c>>, usize) {
+    let nothing = (Vec::new(), 0);
+    let Some(screen) = ScoreTest::new(&base.problem, &base.point, noise) else { return nothing };
     let plain: Option<Vec<Vec<Series>>> = (0..base.problem.windows())
         .into_par_iter()
         .map(|w| base.problem.run(w, &base.point.parameters, &base.point.states[w], false))
         .collect();
-    let Some(plain) = plain else { return Vec::new() };
+    let Some(plain) = plain else { return nothing };
+    let most = allowance_of_a_look(base);
     let starts: Vec<(&Candidate, &Vec<f64>)> =
         library.iter().flat_map(|c| c.starts.iter().map(move |s| (c, s))).collect();
-    let gains: Vec<f64> = starts
-        .par_iter()
-        .map(|(candidate, start)| promised(base, &screen, &plain, candidate, start).unwrap_or(f64::NEG_INFINITY))
-        .collect();
+    let one = |(candidate, start): &(&Candidate, &Vec<f64>)| promised(base, &screen, &plain, (candidate, start), most);
+    let looks: Vec<Result<f64, TooCostly>> = starts.par_iter().map(one).collect();
+    let costly = looks.iter().filter(|look| look.is_err()).count();
+    let gain = |look: Result<f64, TooCostly>| look.unwrap_or(f64::NEG_INFINITY);
     let mut all: Vec<Ranked<'_>> =
-        starts.into_iter().zip(gains).map(|((c, s), gain)| (c, s.as_slice(), gain)).collect();
+        starts.into_iter().zip(looks).map(|((c, s), look)| (c, s.as_slice(), gain(look))).collect();
     all.retain(|b| b.2.is_finite());
     all.sort_by(|a, b| b.2.total_cmp(&a.2));
     let place = |(i, (c, ..)): (usize, &Ranked<'c>)| all[..i].iter().filter(|b| std::ptr::eq(b.0, *c)).count();
     let places: Vec<usize> = all.iter().enumerate().map(place).collect();
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by_key(|i| places[*i]);
-    order.into_iter().map(|i| all[i]).collect()
+    (order.into_iter().map(|i| all[i]).collect(), costly)
 }
 
-/// Gain that `candidate` promises from `start`: the move that the start itself makes, and one step from there.
+/// A start that costs more than a look may.
+struct TooCostly;
+
+/// Gain that `candidate` promises from `start`: the move that the start itself makes, and one step from there; minus infinity if
+/// its run leaves the finite numbers. The look may cost `most`.
 fn promised(
     base: &FittedModel,
     screen: &ScoreTest,
     plain: &[Vec<Series>],
-    candidate: &Candidate,
-    start: &[f64],
-) -> Option<f64> {
+    (candidate, start): (&Candidate, &[f64]),
+    most: u64,
+) -> Result<f64, TooCostly> {
     let (problem, point) = base.extended(with_effect(&base.rig, candidate, start));
+    let limited = problem.with_allowance(most);
+    let promise = promised_within(base, (screen, plain), &limited, &point);
+    let spent = limited.effort.spent().min(limited.effort.patience());
+    base.problem.effort.add(spent);
+    match promise {
+        None if limited.is_exhausted() => Err(TooCostly),
+        promise => Ok(promise.unwrap_or(f64::NEG_INFINITY)),
+    }
+}
+
+fn promised_within(
+    base: &FittedModel,
+    (screen, plain): (&ScoreTest, &[Vec<Series>]),
+    problem: &Problem,
+    point: &Point,
+) -> Option<f64> {
     let e = base.rig.effects.len();
     let own = |slot: Slot| matches!(slot, Slot::Effect(Scope::Rig, i, _) if i == e);
     // Where inner states differ, those of the base are directions once more, which the projection allows for.
@@ -86,7 +111,7 @@ fn promised(
         if new == old { new } else { 2 * problem.degrees() }
     };
     let runs: Vec<Vec<Series>> =
-        (0..problem.windows()).map(|w| problem.run_along(w, &point, own, held(w))).collect::<Option<_>>()?;
+        (0..problem.windows()).map(|w| problem.run_along(w, point, own, held(w))).collect::<Option<_>>()?;
     let of_problem = problem.bounds();
     let mine = problem.theta.entries.iter().enumerate().filter(|(_, entry)| own(entry.slot));
     let bounds: Vec<(f64, f64)> =
@@ -158,16 +183,18 @@ struct Look<'c> {
     most: f64,
     /// Samples that were looked at.
     samples: usize,
+    /// Starts that were too costly to look at.
+    costly: usize,
 }
 
 fn look<'c>(base: &FittedModel, library: &'c [Candidate], noise: &[Colour], context: &Context) -> Look<'c> {
     let thin = subsampled(base, library, context);
     let thinner = thin.as_ref().map(|t| t.thinner(library));
     let (fewer, samples) = thinner.as_ref().map_or((base, context.samples), |t| (&t.hypothesis, t.context.samples));
-    let ranked = screened(fewer, library, noise);
+    let (ranked, costly) = screened(fewer, library, noise);
     // All samples would promise as many times more as they are more.
     let most = ranked.first().map_or(0.0, |best| best.2 * context.samples as f64 / samples.max(1) as f64);
-    Look { thin, ranked, most, samples }
+    Look { thin, ranked, most, samples, costly }
 }
 
 /// True if no candidate promises enough on top of `base` for a round: a look costs a tenth of one.
@@ -188,7 +215,10 @@ pub fn round(
     mut said: impl FnMut(&str),
 ) -> Vec<CandidateFit> {
     let noise = white(&fitted.residuals, &context.floors);
-    let Look { thin, ranked, most, samples } = look(base, library, &noise, context);
+    let Look { thin, ranked, most, samples, costly } = look(base, library, &noise, context);
+    if costly > 0 {
+        said(&format!("{costly} starts not tried: too costly to simulate"));
+    }
     let (few, rule) = thin.as_ref().map_or((base, context), |t| (&t.hypothesis, &t.context));
     if criterion::promises_little(most, context) {
         said(&format!("no candidate promises more than {most:.1}: too little"));
@@ -388,4 +418,33 @@ pub fn polish(base: &FittedModel, trials: &mut [CandidateFit], context: &Context
         }
     });
     rank(base, trials, context);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::candidates::Key;
+    use crate::model::rig::Side;
+
+    const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = 0.02\n";
+
+    #[test]
+    fn a_start_is_looked_at_within_its_allowance_and_its_cost_is_counted() {
+        let Shown { context, problem } = shown(LAG);
+        let base = problem.fitted("", 20, &context);
+        let key = Key { name: "time_constant", min: 0.0, max: 0.2, log: false };
+        let (effect, at, only, motor_sensor) = ("actuator_lag", "u".into(), None, None);
+        let starts = vec![vec![0.01], vec![0.03]];
+        let candidate = Candidate { effect, at, keys: vec![key], starts, only, motor_sensor, side: Side::Link };
+        let library = [candidate];
+        let before = base.problem.effort.spent();
+        let (ranked, costly) = screened(&base, &library, &base.noise);
+        assert_eq!((ranked.len(), costly), (2, 0));
+        assert!(ranked[0].2 > 100.0 && base.problem.effort.spent() > before);
+        let screen = ScoreTest::new(&base.problem, &base.point, &base.noise).unwrap();
+        let plain = vec![base.problem.run(0, &base.point.parameters, &base.point.states[0], false).unwrap()];
+        let look = |most: u64| promised(&base, &screen, &plain, (&library[0], &library[0].starts[0]), most);
+        assert!(look(1).is_err() && look(u64::MAX / 4).is_ok_and(|gain| gain > 100.0));
+    }
 }

@@ -237,6 +237,7 @@ impl<'r> Rollout<'r> {
             match chunk.len() {
                 1 | 2 => self.run_chunk::<2>(chunk, window, initial, out)?,
                 3 | 4 => self.run_chunk::<4>(chunk, window, initial, out)?,
+                5 | 6 => self.run_chunk::<6>(chunk, window, initial, out)?,
                 _ => self.run_chunk::<LANES>(chunk, window, initial, out)?,
             }
         }

@@ -40,21 +40,25 @@ impl Row {
     pub const NONE: Self = Self { terms: [(0, 0.0); 2], len: 0 };
 
     /// Generalised coordinate `i` times `factor`.
+    #[inline]
     #[must_use]
     pub const fn one(i: usize, factor: f64) -> Self {
         Self { terms: [(i, factor), (0, 0.0)], len: 1 }
     }
     /// `q[i] - q[j]`, or with other factors.
+    #[inline]
     #[must_use]
     pub const fn two(i: usize, fi: f64, j: usize, fj: f64) -> Self {
         Self { terms: [(i, fi), (j, fj)], len: 2 }
     }
     /// True if it cannot move.
+    #[inline]
     #[must_use]
     pub const fn is_none(&self) -> bool {
         self.len == 0
     }
     /// Its terms.
+    #[inline]
     #[must_use]
     pub fn terms(&self) -> &[(usize, f64)] {
         self.terms.get(..self.len).unwrap_or_default()
@@ -133,15 +137,19 @@ pub struct Pendulum<S> {
 }
 
 impl<S: Scalar> Mechanism<S> for Pendulum<S> {
+    #[inline]
     fn dof(&self) -> usize {
         1
     }
+    #[inline]
     fn row(&self, _joint: usize) -> Row {
         Row::one(0, 1.0)
     }
+    #[inline]
     fn link_inertia(&self, _joint: usize) -> S {
         self.inertia
     }
+    #[inline]
     fn held_torque(&self, _joint: usize, force: &[S; MAX]) -> S {
         -force[0]
     }
@@ -165,18 +173,23 @@ pub struct Slider<S> {
 }
 
 impl<S: Scalar> Mechanism<S> for Slider<S> {
+    #[inline]
     fn dof(&self) -> usize {
         1
     }
+    #[inline]
     fn row(&self, _joint: usize) -> Row {
         Row::one(0, 1.0)
     }
+    #[inline]
     fn link_inertia(&self, _joint: usize) -> S {
         self.mass
     }
+    #[inline]
     fn held_torque(&self, _joint: usize, force: &[S; MAX]) -> S {
         -force[0]
     }
+    #[inline]
     fn equations(&self, _q: &[S; MAX], _v: &[S; MAX], out: &mut Equations<S>) {
         out.mass[0][0] = self.mass;
         out.force[0] = S::zero();
@@ -203,21 +216,25 @@ pub struct DoublePendulum<S> {
 }
 
 impl<S: Scalar> Mechanism<S> for DoublePendulum<S> {
+    #[inline]
     fn dof(&self) -> usize {
         2
     }
+    #[inline]
     fn row(&self, joint: usize) -> Row {
         Row::one(joint, 1.0)
     }
     fn absolute_row(&self, joint: usize) -> Row {
         if joint == 0 { Row::one(0, 1.0) } else { Row::two(0, 1.0, 1, 1.0) }
     }
+    #[inline]
     fn link_inertia(&self, joint: usize) -> S {
         if joint == 0 { self.inertia1 } else { self.inertia2 }
     }
     fn holds_rotor(&self) -> bool {
         false
     }
+    #[inline]
     fn held_torque(&self, joint: usize, force: &[S; MAX]) -> S {
         -force[joint]
     }
@@ -264,21 +281,25 @@ macro_rules! each {
 }
 
 impl<S: Scalar> Mechanism<S> for Body<S> {
+    #[inline]
     fn dof(&self) -> usize {
         each!(self, m => m.dof())
     }
+    #[inline]
     fn row(&self, joint: usize) -> Row {
         each!(self, m => m.row(joint))
     }
     fn absolute_row(&self, joint: usize) -> Row {
         each!(self, m => m.absolute_row(joint))
     }
+    #[inline]
     fn link_inertia(&self, joint: usize) -> S {
         each!(self, m => m.link_inertia(joint))
     }
     fn holds_rotor(&self) -> bool {
         each!(self, m => m.holds_rotor())
     }
+    #[inline]
     fn held_torque(&self, joint: usize, force: &[S; MAX]) -> S {
         each!(self, m => m.held_torque(joint, force))
     }

@@ -133,6 +133,7 @@ impl<S: Scalar> Drive<S> {
         self.since = now;
     }
 
+    #[inline]
     fn lagged(&self, now: S) -> S {
         if self.lag.value() <= 0.0 {
             return self.target;

@@ -21,6 +21,7 @@ pub enum Grip {
 
 impl Grip {
     /// Direction of sliding: 1, -1, or 0 when stuck.
+    #[inline]
     #[must_use]
     pub const fn direction(self) -> f64 {
         match self {
@@ -81,6 +82,7 @@ impl<S: Scalar> DryFriction<S> {
     }
 
     /// True if the level depends on what the joint transmits.
+    #[inline]
     #[must_use]
     pub fn needs_load(&self) -> bool {
         self.load.is_some() || self.motor_load.is_some()

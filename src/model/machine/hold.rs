@@ -67,17 +67,20 @@ impl<S: Scalar> Default for Held<S> {
 
 impl<S: Scalar> Held<S> {
     /// Lets everything go.
+    #[inline]
     pub(super) fn clear(&mut self, wants_forces: bool) {
         self.len = 0;
         self.wants_forces = wants_forces;
     }
 
     /// Forces are wanted, not accelerations alone.
+    #[inline]
     pub(super) const fn wants_forces(&self) -> bool {
         self.wants_forces
     }
 
     /// Holds generalised coordinate `index` still by a force on `factor` times it.
+    #[inline]
     pub(super) fn still(&mut self, holder: Holder, index: usize, factor: f64) {
         self.push(holder, Kind::Still { index, factor });
     }
@@ -100,12 +103,14 @@ impl<S: Scalar> Held<S> {
     }
 
     /// A force that was found elsewhere.
+    #[inline]
     pub(super) fn note(&mut self, holder: Holder, force: S) {
         if let Some(k) = self.push(holder, Kind::Along) {
             self.force[k] = force;
         }
     }
 
+    #[inline]
     fn push(&mut self, holder: Holder, kind: Kind) -> Option<usize> {
         let k = self.len;
         if k >= MAX_CONSTRAINTS {
@@ -118,11 +123,13 @@ impl<S: Scalar> Held<S> {
     }
 
     /// Each holder with its force.
+    #[inline]
     pub(super) fn forces(&self) -> impl Iterator<Item = (Holder, S)> {
         (0..self.len).map(|k| (self.holders[k], self.force[k]))
     }
 
     /// Force of the constraint that `holder` holds.
+    #[inline]
     pub(super) fn force_of(&self, holder: Holder) -> Option<S> {
         self.forces().find(|(h, _)| *h == holder).map(|(_, force)| force)
     }

@@ -67,7 +67,11 @@ impl<S: Scalar> Plant<S> {
     }
 
     /// Adds the second foot's force.
+    #[inline]
     pub(super) fn add_second_foot(&self, y: &Phase<S>, work: &mut Work<S>) {
+        if self.feet.second.is_none() {
+            return;
+        }
         let Some(press) = self.press(y) else { return };
         for i in 0..self.n {
             work.eq.force[i] += press.tangent[i] * press.force[0] + press.normal[i] * press.force[1];
