@@ -22,7 +22,7 @@ use crate::bus::{Receive, Transmit};
 use crate::channel::port::ChannelError;
 use crate::channel::ring::Ring;
 use crate::config::checked::{Config, Input, RealTime};
-use crate::msg::{BUSES, FrameBatch, LidarSample};
+use crate::msg::{BUSES, FrameBatch, LidarSample, TickRecord};
 use crate::sensor::operator::Hand;
 use spawn::{Desk, Shared, spawn_control, spawn_io, spawn_relay};
 use std::sync::Arc;
@@ -106,6 +106,7 @@ pub struct Running {
     control: JoinHandle<()>,
     io: Vec<JoinHandle<()>>,
     relay: JoinHandle<Observed>,
+    handover: Arc<Ring<TickRecord>>,
     progress: Arc<Progress>,
     missing: Missing,
     stop: Stop,
@@ -137,7 +138,10 @@ impl Running {
         }
         let relay = self.relay.join();
         panicked |= relay.is_err();
-        let observed = relay.unwrap_or_default();
+        let mut observed = relay.unwrap_or_default();
+        // Those that wait now came after its last look: it has ended early.
+        observed.missed = self.handover.lost() + self.handover.waiting() as u64;
+        panicked |= observed.panicked;
         let after_arming = |n: &AtomicU64| {
             let counted = n.load(Ordering::Relaxed);
             self.progress.was_armed.load(Ordering::Relaxed).then_some(counted)
@@ -174,8 +178,8 @@ pub fn start<W: Walk + Send + 'static>(walk: W, parts: Parts) -> Result<Running,
     let (control, io) = spawn_loop(&shared, timing, desk, [bus0.receive, bus1.receive], parts.imu)?;
     let result = shared.launch(&reports, threads);
     let missing = Missing(shared.missing.load(Ordering::Relaxed));
-    let Shared { progress, stop, .. } = shared;
-    let running = Running { control, io, relay, progress, missing, stop, _awake: awake };
+    let Shared { handover, progress, stop, .. } = shared;
+    let running = Running { control, io, relay, handover, progress, missing, stop, _awake: awake };
     match result {
         Ok(()) => Ok(running),
         Err(error) => {

@@ -10,6 +10,7 @@ use crate::channel::ring::Ring;
 use crate::channel::topic;
 use crate::msg::{Fault, TickRecord};
 use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
@@ -41,8 +42,10 @@ pub struct Observed {
     pub last: Box<TickRecord>,
     /// Something was latched that is no ordinary end: neither a stop nor the switch let go.
     pub faulted: bool,
-    /// Ticks that had no room on their way to the relay.
+    /// Ticks that had no room on their way to the relay, or came after it had ended by a panic.
     pub missed: u64,
+    /// The relay ended by a panic: its last tick is not the loop's last.
+    pub panicked: bool,
 }
 
 /// The relay.
@@ -71,8 +74,15 @@ impl Relay {
         })
     }
 
-    /// Serves until `done` says that the loop has ended and nothing waits.
+    /// Serves until `done` says that the loop has ended and nothing waits. A panic of a sink, which the hook has told, ends
+    /// the serving but not what is known of the run so far.
     pub(super) fn run(mut self, done: impl Fn() -> bool) -> Observed {
+        let served = catch_unwind(AssertUnwindSafe(|| self.serve_until(&done)));
+        self.observed.panicked = served.is_err();
+        self.observed
+    }
+
+    fn serve_until(&mut self, done: impl Fn() -> bool) {
         loop {
             let last_round = done();
             while let Some(record) = self.inlet.pop() {
@@ -84,13 +94,18 @@ impl Relay {
             thread::sleep(POLL);
         }
         self.dump_now();
-        self.observed.missed = self.inlet.lost();
-        self.observed
     }
 
     fn serve(&mut self, record: &TickRecord) {
         self.everybody.publish(record);
+        self.observe(record);
         (self.sinks.each)(record);
+        if let Some(event) = self.flight.observe(record) {
+            (self.sinks.dump)(&event, self.flight.ticks());
+        }
+    }
+
+    fn observe(&mut self, record: &TickRecord) {
         self.observed.stats.observe(record);
         let new_fault = record.status.faults > self.observed.last.status.faults;
         self.observed.faulted |= new_fault && !record.status.first_fault.code.is_ordinary_end();
@@ -98,9 +113,6 @@ impl Relay {
             self.observed.faults.push(record.status.first_fault);
         }
         *self.observed.last = *record;
-        if let Some(event) = self.flight.observe(record) {
-            (self.sinks.dump)(&event, self.flight.ticks());
-        }
     }
 
     fn dump_now(&mut self) {

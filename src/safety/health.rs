@@ -88,6 +88,8 @@ pub(super) fn examine(rules: &Rules, facts: &Facts<'_>, memory: &Memory) -> Find
     let mut found = Findings::none(facts.input.now, mode);
     found.note(facts.input.stop_requested, FaultCode::Stopping, 0, 0.0);
     numbers(&mut found, facts);
+    // Before whatever looks late or dead to a loop that stood still itself: stopped for .3 s, the bus was blamed.
+    found.note(skipped > rules.limits.overruns_per_s, FaultCode::Overrun, 0, f64::from(skipped));
     buses(&mut found, facts);
     drives(&mut found, rules, facts, memory);
     sensors(&mut found, rules, facts, memory);
@@ -95,7 +97,6 @@ pub(super) fn examine(rules: &Rules, facts: &Facts<'_>, memory: &Memory) -> Find
     demand(&mut found, rules, facts, mode);
     let missing = facts.input.real_time_missing;
     found.note(missing != 0, FaultCode::NotRealTime, 0, f64::from(missing));
-    found.note(skipped > rules.limits.overruns_per_s, FaultCode::Overrun, 0, f64::from(skipped));
     found
 }
 

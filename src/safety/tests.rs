@@ -357,6 +357,17 @@ fn a_stall_of_our_own_costs_a_tick_of_torque_and_not_the_robot() {
 }
 
 #[test]
+fn a_loop_that_stood_still_blames_no_bus_and_no_drive() {
+    let mut bench = Bench::armed();
+    // Nobody has read the echoes meanwhile, and the drives' watchdogs have struck.
+    bench.input.bus_health[0] = BusHealth::Stalled;
+    bench.feedback.drives[0].error_code = 0x8130;
+    let decision = stall(&mut bench, 300);
+    assert_eq!(decision.status.first_fault.code, FaultCode::Overrun);
+    assert_eq!(decision.allowed.hip_torque_nm, 0.0);
+}
+
+#[test]
 fn a_stall_of_the_threads_that_bring_input_costs_torque_and_not_the_robot() {
     for ms in [7, 28, 45] {
         let mut bench = Bench::armed();

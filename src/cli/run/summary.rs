@@ -10,6 +10,9 @@ use std::io::{self, Write};
 pub(super) fn write(out: &mut impl Write, summary: &Summary, closed: &Closed) -> io::Result<()> {
     let last = &summary.observed.last;
     writeln!(out, "ticks       {}, {} periods skipped", last.status.ticks, last.status.overruns)?;
+    if summary.observed.panicked {
+        writeln!(out, "relay       ended by a panic: what stands here is what it saw until then")?;
+    }
     if last.estimate.steps > 0 {
         writeln!(out, "steps       {}, as the estimator saw them", last.estimate.steps)?;
     }

@@ -142,10 +142,12 @@ fn real_motors_with_a_simulated_hand_or_imu_never_start() {
 #[test]
 fn a_panic_of_the_relay_stops_the_robot_and_is_told() {
     let (mut made, robots, _) = parts("panic", Input::Threads, Trigger::Timer);
-    made.sinks.each = Box::new(|_| panic!("on purpose"));
+    made.sinks.each = Box::new(|record| assert!(record.input.index < 5, "on purpose"));
     let stop = made.stop.clone();
-    let running = start(Echoing, made).unwrap();
-    assert!(running.wait().panicked && stop.is_requested(), "nobody else has asked it to end");
+    let summary = start(Echoing, made).unwrap().wait();
+    assert!(summary.panicked && stop.is_requested(), "nobody else has asked it to end");
+    assert_eq!(summary.observed.last.input.index, 5, "what was seen until then is told");
+    assert!(summary.observed.panicked);
     drop(robots);
 }
 

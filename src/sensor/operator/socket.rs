@@ -72,6 +72,8 @@ pub struct SocketHand {
     owner: Option<Owner>,
     handover: Span,
     newest: OperatorSample,
+    /// When nothing waited here last.
+    emptied: Stamp,
     refusals: Arc<Refusals>,
 }
 
@@ -93,6 +95,7 @@ impl SocketHand {
             owner: None,
             handover: HANDOVER.max(operator_age),
             newest: OperatorSample { stamp: Stamp::NEVER, ..OperatorSample::default() },
+            emptied: Stamp::NEVER,
             refusals: Arc::default(),
         })
     }
@@ -107,8 +110,11 @@ impl SocketHand {
     pub fn poll(&mut self, now: Stamp) -> OperatorSample {
         for _ in 0..MAX_DATAGRAMS {
             let mut bytes = [0xFF; 16];
-            let Some(datagram) = receive(self.socket.as_raw_fd(), &mut bytes) else { break };
-            let sent = now - datagram.age;
+            let Some(datagram) = receive(self.socket.as_raw_fd(), &mut bytes) else {
+                self.emptied = now;
+                break;
+            };
+            let sent = sent_at(now, datagram.age, self.emptied);
             match bytes.get(..datagram.len) {
                 Some([switch @ (OPEN | HELD)]) => self.hear(sent, datagram.process, *switch == HELD),
                 Some([ZERO, angle @ ..]) => self.take_zero(angle),
@@ -155,8 +161,14 @@ struct Datagram {
     len: usize,
     /// Sender; 0 if unknown.
     process: i32,
-    /// How long ago it was sent.
+    /// How long ago it was sent, by the kernel's stamp and wall time.
     age: Span,
+}
+
+/// When it was sent. The kernel stamps with wall time, which may be set meanwhile: forward, and a datagram would be an hour old and
+/// the hand gone (seen in the guest); so none is older than the last time that nothing waited. Backward: as young as it is to us.
+fn sent_at(now: Stamp, age: Span, emptied: Stamp) -> Stamp {
+    (now - age).max(emptied)
 }
 
 /// Room for credentials and a time stamp.
@@ -176,7 +188,6 @@ fn receive(fd: RawFd, bytes: &mut [u8; 16]) -> Option<Datagram> {
     let count = unsafe { libc::recvmsg(fd, &raw mut message, libc::MSG_DONTWAIT | libc::MSG_CMSG_CLOEXEC) };
     let len = usize::try_from(count).ok()?;
     let (process, wall_ns) = read_control(&message);
-    // Wall time; a step of that clock makes a datagram older (the safe side), or as young as it is to us.
     let age = wall_ns.map_or(0, |at| (wall_now_ns() - at).max(0));
     Some(Datagram { len, process, age: Span(age) })
 }
@@ -278,6 +289,17 @@ mod tests {
         std::thread::sleep(std::time::Duration::from_millis(150));
         let age = at(500).since(hand.poll(at(500)).stamp);
         assert!(age >= Span::from_ms(150), "{age:?}");
+    }
+
+    #[test]
+    fn a_step_of_the_wall_clock_ages_no_datagram_beyond_the_last_empty_look() {
+        assert_eq!(sent_at(at(1_000), Span::from_ms(20), at(900)), at(980), "an ordinary one");
+        assert_eq!(sent_at(at(1_000), Span::from_ms(3_600_000), at(995)), at(995), "an hour forward");
+        let (_folder, path, mut hand) = bound();
+        hand.poll(at(0));
+        send(&path, &[HELD]);
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        assert_eq!(hand.poll(at(5)).stamp, at(0), "older by its stamp than it can be");
     }
 
     #[test]

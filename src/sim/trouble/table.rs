@@ -304,7 +304,6 @@ mod tests {
 
     /// Their times hang on the phase of scans and frames, not on how the robot balances.
     #[test]
-    #[ignore = "the page has the rows of the devices alone: not run yet with the whole robot"]
     fn the_pages_rows_of_lidar_and_motion_capture_are_as_measured() {
         let page = include_str!("../../../docs/faults.md");
         let measured = rows(|device| matches!(device, Device::Lidar | Device::Mocap)).unwrap();
