@@ -32,6 +32,8 @@ pub(super) struct Walk {
     first_step: u32,
     /// Steps when the last touchdown of a stop was awaited.
     stop_step: u32,
+    /// Speed last asked for, m/s: a step is finished as it was begun.
+    walked_m_s: f64,
     hold: Hold,
     /// Since when it comes to rest.
     rests_since: Stamp,
@@ -61,6 +63,7 @@ impl Walk {
             since: Stamp::NEVER,
             first_step: 0,
             stop_step: 0,
+            walked_m_s: 0.0,
             hold: Hold::new(&config.control),
             rests_since: Stamp::NEVER,
             swing_rad: 0.0,
@@ -98,7 +101,9 @@ impl Walk {
     pub(super) fn step(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) -> (Wish, ControlState) {
         let speed_m_s = self.speed_m_s(now.since(self.since).as_s());
         self.draw_back(now, speed_m_s);
-        if speed_m_s <= 0.0 {
+        if speed_m_s > 0.0 {
+            self.walked_m_s = speed_m_s;
+        } else {
             self.asked = now;
         }
         if !self.is_settled(now, e, speed_m_s) {
@@ -116,7 +121,11 @@ impl Walk {
                 let toe_position_m = self.toes.for_stance(e.stance);
                 (Wish { hip_torque_nm, toe_position_m, ..Wish::default() }, LawName::Balance)
             }
-            motion => self.gait.step(now, e, seen, speed_m_s, motion),
+            motion => {
+                let stops_later = motion == Motion::Stop && e.steps == self.stop_step;
+                let speed_m_s = if stops_later { self.walked_m_s } else { speed_m_s };
+                self.gait.step(now, e, seen, speed_m_s, motion)
+            }
         };
         let state = ControlState {
             stamp: now,
