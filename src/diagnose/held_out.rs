@@ -80,37 +80,21 @@ impl Confirmation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::synthesis::record;
+    use crate::identify::synthesis::{SHAKEN_PENDULUM, shaken_pendulum};
 
-    const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
-        [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n\
-        [[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\nnoise_std = 0.001\n\
-        [[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\n[[recording]]\nfile = \"b.csv\"\nuse = \"heldout\"\n";
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = 0.004\n";
-
-    /// Two recordings of a pendulum, one kept back.
-    fn experiment() -> Experiment {
-        let rig = Rig::parse(RIG, "rig.toml").unwrap();
-        let times: Vec<f64> = (0..400).map(|k| f64::from(k) * 0.01).collect();
-        let inputs = vec![times.iter().map(|t| libm::sin(9.0 * t)).collect()];
-        let recording = |index: usize, name: &str, usage: Use| {
-            let mut out = Recording { index, usage, ..Recording::new(name, times.clone(), inputs.clone(), Vec::new()) };
-            out.measured = record(&rig, &out, &[0.3, 0.0], Some(index as u64)).unwrap().measured;
-            out
-        };
-        Experiment { recordings: vec![recording(0, "a.csv", Use::Fit), recording(1, "b.csv", Use::Heldout)], rig }
-    }
 
     #[test]
     fn what_is_not_there_predicts_worse_and_what_is_there_leaves_the_noise() {
-        let experiment = experiment();
+        let experiment = shaken_pendulum();
         let held_out = HeldOut::of(&experiment, &experiment.rig).unwrap();
         let truth = held_out.residuals(&experiment.rig).unwrap();
         assert_eq!((truth.len(), truth[0].len(), truth[0][0].len()), (1, 1, 400), "the one that was kept back");
         let rms = libm::sqrt(truth[0][0].iter().map(|x| x * x).sum::<f64>() / 400.0);
         assert!((rms / 0.001 - 1.0).abs() < 0.15, "{rms}");
         let dragged =
-            Rig::parse(&RIG.replacen("[[recording]]", &format!("{DRAG}[[recording]]"), 1), "rig.toml").unwrap();
+            Rig::parse(&SHAKEN_PENDULUM.replacen("[[recording]]", &format!("{DRAG}[[recording]]"), 1), "rig.toml")
+                .unwrap();
         let wrong = held_out.residuals(&dragged).unwrap();
         let Confirmation { promised, gained } = Confirmation::of(&wrong, &truth, &[1e-6]);
         assert!(promised > 400.0 && (gained / promised + 1.0).abs() < 0.1, "{promised} {gained}");
@@ -120,7 +104,7 @@ mod tests {
 
     #[test]
     fn nothing_kept_back_says_nothing() {
-        let mut experiment = experiment();
+        let mut experiment = shaken_pendulum();
         experiment.recordings.truncate(1);
         assert!(HeldOut::of(&experiment, &experiment.rig).is_none());
     }

@@ -115,29 +115,16 @@ fn peaks_of(rows: &[usize], e: &[f64]) -> Vec<Peak> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::synthesis::record;
-
-    const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
-        [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n\
-        [[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\nnoise_std = 0.001\n\
-        [[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\n[[recording]]\nfile = \"b.csv\"\nuse = \"heldout\"\n";
+    use crate::identify::synthesis::shaken_pendulum;
 
     #[test]
     fn a_wrong_sample_is_left_out_of_the_comparison_too_and_a_push_is_not() {
-        let rig = Rig::parse(RIG, "rig.toml").unwrap();
-        let times: Vec<f64> = (0..400).map(|k| f64::from(k) * 0.01).collect();
-        let inputs = vec![times.iter().map(|t| libm::sin(9.0 * t)).collect()];
-        let recording = |index: usize, name: &str, usage: Use| {
-            let mut out = Recording { index, usage, ..Recording::new(name, times.clone(), inputs.clone(), Vec::new()) };
-            out.measured = record(&rig, &out, &[0.3, 0.0], Some(index as u64)).unwrap().measured;
-            out
-        };
-        let mut recordings = vec![recording(0, "a.csv", Use::Fit), recording(1, "b.csv", Use::Heldout)];
+        let mut experiment = shaken_pendulum();
+        let recordings = &mut experiment.recordings;
         recordings[1].measured[0][170] += 0.4;
         // Two thirds of a second that no model follows are physics.
         recordings[1].measured[0][300..360].iter_mut().for_each(|y| *y += 0.05);
-        let experiment = Experiment { rig: rig.clone(), recordings };
-        let (clean, dropped) = cleaned(&experiment, &rig);
+        let (clean, dropped) = cleaned(&experiment, &experiment.rig);
         assert_eq!(dropped, 1);
         let missing: Vec<usize> = (0..400).filter(|k| clean.recordings[1].measured[0][*k].is_nan()).collect();
         assert_eq!(missing, [170]);

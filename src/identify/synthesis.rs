@@ -1,7 +1,11 @@
 //! Recordings made from a rig: the machine under given inputs, with the sensors' noise and resolution. RT: no.
 
+#[cfg(test)]
+use super::experiment::Experiment;
 use super::experiment::Recording;
 use crate::model::machine::{Machine, MachineError};
+#[cfg(test)]
+use crate::model::rig::Use;
 use crate::model::rig::{Rig, Sensor};
 use crate::model::setting::{Number, Setting};
 use rand::{RngExt, SeedableRng};
@@ -58,3 +62,24 @@ fn gaussian(dice: &mut ChaCha8Rng) -> f64 {
     let (u, v): (f64, f64) = (dice.random(), dice.random());
     libm::sqrt(-2.0 * libm::log(1.0 - u)) * libm::cos(std::f64::consts::TAU * v)
 }
+
+/// For tests: a pendulum shaken by a sine for 4 s twice, its sensor noisy by 1 mrad; `b.csv` is kept back.
+#[cfg(test)]
+pub(crate) fn shaken_pendulum() -> Experiment {
+    let rig = Rig::parse(SHAKEN_PENDULUM, "rig.toml").unwrap();
+    let times: Vec<f64> = (0..400).map(|k| f64::from(k) * 0.01).collect();
+    let inputs = vec![times.iter().map(|t| libm::sin(9.0 * t)).collect()];
+    let recording = |index: usize, name: &str, usage: Use| {
+        let mut out = Recording { index, usage, ..Recording::new(name, times.clone(), inputs.clone(), Vec::new()) };
+        out.measured = record(&rig, &out, &[0.3, 0.0], Some(index as u64)).unwrap().measured;
+        out
+    };
+    Experiment { recordings: vec![recording(0, "a.csv", Use::Fit), recording(1, "b.csv", Use::Heldout)], rig }
+}
+
+/// Its rig.
+#[cfg(test)]
+pub(crate) const SHAKEN_PENDULUM: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
+    [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n\
+    [[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\nnoise_std = 0.001\n\
+    [[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\n[[recording]]\nfile = \"b.csv\"\nuse = \"heldout\"\n";
