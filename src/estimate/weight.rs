@@ -16,7 +16,7 @@
 //! Own derivation; proven by the tests of [`super::touchdown`] and by the walks in `sim`.
 
 use super::high_gain::StanceModel;
-use crate::base::linalg::dot;
+use crate::base::linalg::times;
 use crate::model::compass_gait::dynamics::{gravity_at, mass_matrix_at};
 use crate::model::compass_gait::kinematics::Trig;
 use crate::msg::Leg;
@@ -114,11 +114,8 @@ impl Weight {
         let measured = b.momentum * dt_s;
         self.x = [lambda + dt_s * momentum + half * moment - measured, momentum + dt_s * moment, kept * share];
         let f = [[1.0, dt_s, half * b.full], [0.0, 1.0, dt_s * b.full], [0.0, 0.0, kept]];
-        let mut p = [[0.0; 3]; 3];
-        for (row, out) in f.iter().zip(&mut p) {
-            let fp: [f64; 3] = std::array::from_fn(|k| dot(row, &self.p.map(|r| at(&r, k))));
-            *out = std::array::from_fn(|k| dot(&fp, f.get(k).unwrap_or(row)));
-        }
+        // F P Fᵀ, row by row: P is symmetric.
+        let mut p = f.map(|row| times(&f, &times(&self.p, &row)));
         let gyro = (b.by_stance + b.by_swing) * GYRO_RAD_S * dt_s;
         let [[first, ..], [_, middle, _], [.., last]] = &mut p;
         *first += gyro * gyro;
@@ -152,10 +149,6 @@ impl Weight {
         let [.., share] = self.x;
         share
     }
-}
-
-fn at(row: &[f64; 3], k: usize) -> f64 {
-    row.get(k).copied().unwrap_or(0.0)
 }
 
 /// Momentum about the toe, moment of gravity, and that of the whole weight on the other foot .
