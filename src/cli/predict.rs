@@ -124,6 +124,8 @@ impl Args {
             window_s: self.window_s,
             setup,
             stance_column: self.stance_column.clone(),
+            toe_columns: None,
+            window_column: None,
             parameters: Vec::new(),
             effects: Vec::new(),
         })

@@ -109,6 +109,8 @@ impl Args {
             window_s: None,
             setup,
             stance_column: None,
+            toe_columns: None,
+            window_column: None,
             parameters: Vec::new(),
             effects: Vec::new(),
         });

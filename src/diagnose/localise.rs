@@ -161,8 +161,7 @@ fn limited(rig: &Rig, recording: &Recording, site: Site, limit: f64) -> Vec<(f64
 }
 
 fn touchdowns(recording: &Recording) -> Vec<(f64, f64)> {
-    let changes = recording.stance.windows(2).enumerate().filter(|(_, s)| s[0] != s[1]);
-    changes.map(|(k, _)| (recording.times[k + 1], recording.times[k + 1] + TOUCHDOWN_S)).collect()
+    recording.touchdowns().map(|row| (recording.times[row], recording.times[row] + TOUCHDOWN_S)).collect()
 }
 
 /// Runs of rows where `on` holds, as times; gaps of up to three rows are bridged.

@@ -4,6 +4,7 @@
 
 use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::ltv::LtvWindow;
+use crate::identify::experiment::Recording;
 use crate::identify::rollout::Pooled;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{MechanismKind, Setup};
@@ -75,7 +76,7 @@ pub struct Scales {
     pub leg_m: Option<f64>,
     /// Weight carried by the ground, N.
     pub weight_n: f64,
-    /// True if a recording walks (impacts).
+    /// True if a recording has touchdowns.
     pub walks: bool,
 }
 
@@ -105,7 +106,7 @@ pub fn scales(of: &FittedModel, windows: &[LtvWindow], pooled: &Pooled) -> Scale
         window_s: of.problem.longest_s(),
         leg_m: compass.then(|| parameter("leg_length_m")),
         weight_n: parameter("total_mass_kg") * parameter("gravity_m_s2"),
-        walks: recordings.iter().any(|r| r.setup == Some(Setup::Walk)),
+        walks: recordings.iter().any(Recording::has_steps),
     }
 }
 

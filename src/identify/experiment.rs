@@ -9,8 +9,10 @@ mod csv_table;
 pub mod mcap;
 #[cfg(test)]
 mod tests;
+mod toes;
 mod warn;
 
+use crate::model::machine::ToeMotion;
 use crate::model::rig::{RecordingEntry, Rig, RigErrors, Setup, Use};
 use std::fs;
 use std::io;
@@ -44,6 +46,10 @@ pub struct Recording {
     pub measured: Vec<Vec<f64>>,
     /// Stance leg of each row, 0 inner, 1 outer; empty if the recording does not say.
     pub stance: Vec<u8>,
+    /// How the toes of the inner and the outer leg move at each row; empty if the recording does not say.
+    pub toes: Vec<[ToeMotion<f64>; 2]>,
+    /// First rows of stretches that know nothing of what was before them, the first row of all among them.
+    pub fresh: Vec<usize>,
     /// What looked wrong but did not stop the reading.
     pub warnings: Vec<String>,
 }
@@ -64,6 +70,8 @@ impl Recording {
             inputs,
             measured,
             stance: Vec::new(),
+            toes: Vec::new(),
+            fresh: vec![0],
             warnings: Vec::new(),
         }
     }
@@ -171,6 +179,8 @@ impl Recording {
         let enabled = enabled.collect();
         let measured = rig.sensors.iter().map(|s| full(&s.column, Some(f64::NAN))).collect();
         let stance = entry.stance_column.as_ref().map(|c| full(c, None)).unwrap_or_default();
+        let stretch = entry.window_column.as_ref().map(|c| full(c, None)).unwrap_or_default();
+        let short_m = entry.toe_columns.as_ref().map(|names| names.each_ref().map(|c| full(c, None)));
         wrong.extend(table.check_time(&times));
         wrong.extend(table.check_stance(entry.stance_column.as_deref(), &stance));
         if !rig.sensors.is_empty() && table.len() < FEWEST_ROWS {
@@ -190,8 +200,13 @@ impl Recording {
             enabled,
             measured,
             stance: stance.iter().map(|x| u8::from(*x > 0.5)).collect(),
+            toes: Vec::new(),
+            fresh: fresh(&stretch),
             warnings: Vec::new(),
         };
+        if let Some([inner, outer]) = &short_m {
+            recording.toes = toes::motions(&recording.times, [inner, outer], &recording.stretches());
+        }
         if let Some(line) = recording.short_windows(table).filter(|_| !rig.sensors.is_empty()) {
             return Err(vec![line]);
         }
@@ -220,18 +235,53 @@ impl Recording {
         self.times.is_empty()
     }
 
-    /// Rows of each window: window k starts at the first row at or after t0 + k · window_s; a last piece shorter than
-    /// half a window joins the one before (contract section 4).
+    /// Rows of the stretches that know nothing of one another; all rows if there is one.
+    #[must_use]
+    pub fn stretches(&self) -> Vec<Range<usize>> {
+        ranges(&self.fresh, self.len())
+    }
+
+    /// True if `row` begins a stretch: nothing is known of the time before it.
+    #[must_use]
+    pub fn is_fresh(&self, row: usize) -> bool {
+        self.fresh.binary_search(&row).is_ok()
+    }
+
+    /// The stretch that `row` belongs to begins with this row.
+    #[must_use]
+    pub fn begin_of_stretch(&self, row: usize) -> usize {
+        let next = self.fresh.partition_point(|first| *first <= row);
+        next.checked_sub(1).map_or(0, |i| self.fresh[i])
+    }
+
+    /// True if it has touchdowns, as far as it tells.
+    #[must_use]
+    pub fn has_steps(&self) -> bool {
+        self.setup == Some(Setup::Walk) && (self.stance.is_empty() || self.touchdowns().next().is_some())
+    }
+
+    /// Rows at which another leg stands than in the row before, that being of the same stretch.
+    pub fn touchdowns(&self) -> impl Iterator<Item = usize> {
+        (1..self.stance.len()).filter(|row| !self.is_fresh(*row) && self.stance[*row] != self.stance[*row - 1])
+    }
+
+    /// Rows of each window: within a stretch, window k starts at the first row at or after t0 + k · window_s; a last
+    /// piece shorter than half a window joins the one before (contract section 4).
     #[must_use]
     pub fn windows(&self) -> Vec<Range<usize>> {
-        let (Some(window_s), Some(&t0), Some(&last)) = (self.window_s, self.times.first(), self.times.last()) else {
-            return std::iter::once(0..self.len()).collect();
+        self.stretches().into_iter().flat_map(|rows| self.windows_of(rows)).collect()
+    }
+
+    fn windows_of(&self, rows: Range<usize>) -> Vec<Range<usize>> {
+        let times = &self.times[rows.clone()];
+        let (Some(window_s), Some(&t0), Some(&last)) = (self.window_s, times.first(), times.last()) else {
+            return vec![rows];
         };
-        let mut starts = vec![0];
+        let mut starts = vec![rows.start];
         let mut k = 1.0;
         while t0 + k * window_s <= last {
-            let row = self.times.partition_point(|t| *t < t0 + k * window_s - ROUNDING_S);
-            if starts.last() != Some(&row) && row < self.len() {
+            let row = rows.start + times.partition_point(|t| *t < t0 + k * window_s - ROUNDING_S);
+            if starts.last() != Some(&row) && row < rows.end {
                 starts.push(row);
             }
             k += 1.0;
@@ -242,9 +292,20 @@ impl Recording {
         {
             starts.pop();
         }
-        let ends = starts.iter().skip(1).copied().chain(std::iter::once(self.len()));
-        starts.iter().copied().zip(ends).map(|(a, b)| a..b).collect()
+        ranges(&starts, rows.end)
     }
+}
+
+/// From each start to the next, the last one to `end`.
+fn ranges(starts: &[usize], end: usize) -> Vec<Range<usize>> {
+    let ends = starts.iter().skip(1).copied().chain(std::iter::once(end));
+    starts.iter().copied().zip(ends).map(|(a, b)| a..b).collect()
+}
+
+/// Rows at which the number of the stretch differs from that of the row before.
+fn fresh(stretch: &[f64]) -> Vec<usize> {
+    let changes = (1..stretch.len()).filter(|row| stretch[*row].to_bits() != stretch[*row - 1].to_bits());
+    std::iter::once(0).chain(changes).collect()
 }
 
 /// With fewer rows than this nothing can be told apart from noise.

@@ -181,13 +181,13 @@ impl<'r> Rollout<'r> {
         self.run(&mut machine, rows, initial, &mut |channel, row, y: f64| channels[channel][row] = y)
     }
 
-    /// Where one window's run from `initial` is when the next window starts; `None` after the last row of the recording.
+    /// Where one window's run from `initial` is when the next window starts; `None` after the last row of a stretch.
     ///
     /// # Errors
     /// The simulation diverged.
     pub fn arrived(&self, window: usize, initial: &[f64]) -> Result<Option<Vec<f64>>, RolloutError> {
         let rows = self.windows[window].clone();
-        if rows.end >= self.recording.len() {
+        if rows.end >= self.recording.len() || self.recording.is_fresh(rows.end) {
             return Ok(None);
         }
         let mut machine = self.plain_machine()?;

@@ -162,6 +162,10 @@ pub struct RecordingEntry {
     pub setup: Option<Setup>,
     /// Column that says which leg stands: 0 inner, 1 outer.
     pub stance_column: Option<String>,
+    /// Columns of what the inner and the outer leg are shorter than the leg length, m: toes that move.
+    pub toe_columns: Option<[String; 2]>,
+    /// Column with a number for each window: free runs begin where it changes, from nothing that was before.
+    pub window_column: Option<String>,
     /// Mechanism parameters that differ here: index into [`Rig::parameters`].
     pub parameters: Vec<(usize, Value)>,
     /// Effects that differ here; each stands for its twin of the rig, if there is one.

@@ -13,6 +13,9 @@
 //! | `leg_angle_rad` | attitude of the inner leg by the IMU's own filter, likewise; empty if it streams none | `imu` |
 //! | `stance` | leg that stands: 0 inner, 1 outer | `estimate.stance` |
 //! | `armed` | 1 while the controller's torque reaches the motor | `status.mode` |
+//! | `steps` | touchdowns so far | `estimate.steps` |
+//! | `doubt` | how much the stance is in doubt, 0 to 1 | `estimate.stance_doubt` |
+//! | `inner_short_m`, `outer_short_m` | what the longer toe leaves of the leg's length | `snapshot.toe_position_m` |
 //!
 //! Of a recording that was armed only the longest armed stretch is given, less its first [`SETTLING_S`]: before it a hand
 //! may hold the robot. One that never was armed is given whole.
@@ -23,7 +26,7 @@ use super::csv_table::Table;
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
 use crate::config::from_canonical;
-use crate::msg::{Drive, DriveState, Mode, TickRecord};
+use crate::msg::{Drive, DriveState, Mode, TOES, TickRecord};
 use crate::record::Reader;
 use std::collections::VecDeque;
 use std::path::Path;
@@ -38,7 +41,7 @@ const LONGEST_ROW: Span = Span::from_ms(20);
 const COMMANDS_KEPT: usize = 8;
 
 /// Names of all columns, in the order of [`Row::cells`].
-pub const COLUMNS: [&str; 8] = [
+pub const COLUMNS: [&str; 12] = [
     "t_s",
     "hip_angle_rad",
     "hip_torque_nm",
@@ -47,6 +50,10 @@ pub const COLUMNS: [&str; 8] = [
     "leg_angle_rad",
     "stance",
     "armed",
+    "steps",
+    "doubt",
+    "inner_short_m",
+    "outer_short_m",
 ];
 
 /// What a recording of our own controller says.
@@ -114,6 +121,9 @@ struct Row {
     leg_angle_rad: f64,
     stance: f64,
     armed: bool,
+    steps: f64,
+    doubt: f64,
+    short_m: [f64; 2],
 }
 
 impl Row {
@@ -127,6 +137,10 @@ impl Row {
             self.leg_angle_rad,
             self.stance,
             f64::from(u8::from(self.armed)),
+            self.steps,
+            self.doubt,
+            self.short_m[0],
+            self.short_m[1],
         ]
     }
 }
@@ -144,6 +158,7 @@ struct Gather {
     nm_per_permille: f64,
     imu_sign: f64,
     imu_offset_rad: f64,
+    toe_out_m: f64,
     start: Option<Stamp>,
     /// Commands with the tick that sent them, oldest first.
     commands: VecDeque<(Stamp, f64)>,
@@ -159,6 +174,7 @@ impl Gather {
             nm_per_permille: 1e-3 * rated_nm * hip.gear_ratio * hip.gear_efficiency * hip.motor_sign,
             imu_sign: imu.sign,
             imu_offset_rad: imu.offset_rad,
+            toe_out_m: config.robot.toe.extended_m,
             start: None,
             commands: VecDeque::new(),
             rows: Vec::new(),
@@ -208,6 +224,9 @@ impl Gather {
             leg_angle_rad: f64::NAN,
             stance: f64::from(tick.estimate.stance as u8),
             armed: tick.status.mode == Mode::Armed,
+            steps: f64::from(tick.estimate.steps),
+            doubt: tick.estimate.stance_doubt,
+            short_m: short_m(self.toe_out_m, &tick.snapshot.toe_position_m),
         });
     }
 
@@ -229,6 +248,11 @@ impl Gather {
         }
         self.rows
     }
+}
+
+/// What each leg is shorter than with its toes out, m: its longer toe carries.
+fn short_m(out_m: f64, [inner_a, inner_b, outer_a, outer_b]: &[f64; TOES]) -> [f64; 2] {
+    [out_m - inner_a.max(*inner_b), out_m - outer_a.max(*outer_b)]
 }
 
 /// How much of a torque's distance to its command is left one row later: `r⁺ - c = a (r - c)`, by least squares. A
@@ -303,6 +327,9 @@ mod tests {
             leg_angle_rad: f64::NAN,
             stance: 0.0,
             armed: true,
+            steps: 0.0,
+            doubt: 0.0,
+            short_m: [0.0; 2],
         }
     }
 

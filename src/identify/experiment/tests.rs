@@ -35,6 +35,26 @@ fn load_with(rig: &str, csv: &str) -> Result<Experiment, ExperimentError> {
     Experiment::load(folder.path())
 }
 
+#[test]
+fn a_window_column_cuts_free_runs_and_a_jump_of_time_there_is_no_gap() {
+    let rig = RIG.replace("use = \"fit\"\n", "use = \"fit\"\nwindow_s = 0.3\nwindow_column = \"k\"\n");
+    let mut csv = String::from("t_s,u,q_rad,k\n");
+    for k in 0..100_usize {
+        // Three stretches of .5, .2 and .3 s, a second apart.
+        let stretch = usize::from(k >= 50) + usize::from(k >= 70);
+        let t = 0.01 * k as f64 + stretch as f64;
+        writeln!(csv, "{t:.2},{:.3},{:.4},{stretch}", libm::sin(9.0 * t), 0.3 * libm::cos(4.0 * t)).unwrap();
+    }
+    let experiment = load_with(&rig, &csv).unwrap();
+    let recording = &experiment.recordings[0];
+    assert_eq!(recording.windows(), [0..30, 30..50, 50..70, 70..100]);
+    assert!(recording.is_fresh(50) && !recording.is_fresh(30) && recording.begin_of_stretch(69) == 50);
+    assert!(recording.warnings.is_empty(), "{:?}", recording.warnings);
+    // Without the column it is a gap.
+    let plain = load_with(&rig.replace("window_column = \"k\"\n", ""), &csv).unwrap();
+    assert!(plain.recordings[0].warnings.iter().any(|w| w.contains("a gap of")));
+}
+
 /// `edit` changes good rows; gives the whole file.
 fn edited(edit: impl Fn(&mut Vec<[String; 3]>)) -> String {
     let mut rows = rows();

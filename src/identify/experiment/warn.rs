@@ -87,8 +87,11 @@ fn slow_clock(recording: &Recording) -> Option<String> {
 }
 
 fn gaps(recording: &Recording) -> Option<String> {
-    let mut steps: Vec<f64> = recording.times.windows(2).map(|p| p[1] - p[0]).collect();
-    let longest = steps.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let times = &recording.times;
+    let within = (1..recording.len()).filter(|row| !recording.is_fresh(*row));
+    let rows: Vec<(usize, f64)> = within.map(|row| (row - 1, times[row] - times[row - 1])).collect();
+    let longest = rows.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let mut steps: Vec<f64> = rows.iter().map(|(_, step)| *step).collect();
     steps.sort_by(f64::total_cmp);
     let median = steps.get(steps.len() / 2)?;
     (longest.1 > GAP * median).then(|| {

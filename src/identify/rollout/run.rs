@@ -4,7 +4,7 @@ use super::{Rollout, RolloutError};
 use crate::base::scalar::Scalar;
 use crate::identify::effort::Effort;
 use crate::identify::experiment::Recording;
-use crate::model::machine::Machine;
+use crate::model::machine::{Machine, ToeMotion};
 use std::ops::Range;
 
 impl Rollout<'_> {
@@ -35,6 +35,7 @@ impl Rollout<'_> {
         let times = &self.recording.times;
         let (begun, _) = machine.steps();
         machine.set_stance(self.stance(rows.start));
+        self.start_toes(machine, rows.start)?;
         machine.reset(times[rows.start], initial);
         self.recall(machine, rows.start);
         let mut steps = Steps::new(self.recording, rows.start);
@@ -42,6 +43,7 @@ impl Rollout<'_> {
             machine.advance_to(times[row]).map_err(|e| self.error(&e))?;
             self.within_patience(machine, begun)?;
             steps.follow(machine, row);
+            self.move_toes(machine, row);
             for channel in 0..machine.sensors() {
                 if !machine.is_sensor_shifted(channel) {
                     sink(channel, row - rows.start, machine.read(channel));
@@ -56,6 +58,22 @@ impl Rollout<'_> {
         let (steps, coordinates) = machine.steps();
         let cost = Effort::of_run(steps - begun, coordinates, size_of::<S>() / size_of::<f64>() - 1);
         if self.effort.is_some_and(|effort| effort.is_beyond(cost)) { Err(RolloutError::TooCostly) } else { Ok(()) }
+    }
+
+    /// Gives the legs the toes that the recording has.
+    fn start_toes<S: Scalar>(&self, machine: &mut Machine<S>, row: usize) -> Result<(), RolloutError> {
+        let Some(toes) = self.recording.toes.get(row) else { return Ok(()) };
+        machine.give_toes(toes.map(|toe| S::constant(toe.short_m))).map_err(|e| self.error(&e))
+    }
+
+    /// From `row` on the toes move as recorded.
+    fn move_toes<S: Scalar>(&self, machine: &mut Machine<S>, row: usize) {
+        let Some(toes) = self.recording.toes.get(row) else { return };
+        machine.set_toes(toes.map(|toe| ToeMotion {
+            short_m: S::constant(toe.short_m),
+            rate_m_s: S::constant(toe.rate_m_s),
+            acceleration_m_s2: S::constant(toe.acceleration_m_s2),
+        }));
     }
 
     /// The stance leg that the recording says, inner if it does not.
@@ -77,10 +95,11 @@ impl Rollout<'_> {
     fn recall<S: Scalar>(&self, machine: &mut Machine<S>, start: usize) {
         let times = &self.recording.times;
         let oldest = times[start] - machine.memory_s();
-        let first = times[..start].partition_point(|t| *t < oldest).saturating_sub(1);
+        let known = self.recording.begin_of_stretch(start);
+        let first = times[..start].partition_point(|t| *t < oldest).saturating_sub(1).max(known);
         for (i, input) in self.recording.inputs.iter().enumerate() {
             // For the backward run: the command just before the window.
-            machine.settle_drive(i, input[start.saturating_sub(1)]);
+            machine.settle_drive(i, input[start.saturating_sub(1).max(known)]);
         }
         let earliest = (0..machine.sensors())
             .filter(|c| machine.is_sensor_shifted(*c))
@@ -144,9 +163,11 @@ impl<'r> Steps<'r> {
         steps
     }
 
+    /// The next change in the stretch of `row`.
     fn change_after(&self, row: usize) -> Option<usize> {
         let stance = &self.recording.stance;
-        (row + 1..stance.len()).find(|r| stance[*r] != stance[*r - 1])
+        let within = (row + 1..stance.len()).take_while(|r| !self.recording.is_fresh(*r));
+        within.into_iter().find(|r| stance[*r] != stance[*r - 1])
     }
 
     /// At `row`, the machine being there: puts a late foot down, arms the next touchdown.

@@ -64,6 +64,19 @@ fn unknown_keys_name_file_key_and_line() {
 }
 
 #[test]
+fn toes_belong_to_a_walk_and_come_in_pairs() {
+    let walk = "schema = 1\nmechanism = \"compass_gait\"\n[parameters]\nleg_length_m = 1.0\ntotal_mass_kg = 15.0\n\
+        gravity_m_s2 = 9.81\nc1 = 0.1\nc2 = 0.14\nc3 = 0.0006\nc4 = 0.12\nc5 = 0.13\nc6 = 0.003\n[[actuator]]\n\
+        joint = \"hip\"\ncolumn = \"u\"\ngain = 1.0\n[[sensor]]\nmeasures = \"hip\"\ncolumn = \"y\"\n[[recording]]\n\
+        file = \"a.csv\"\nuse = \"fit\"\nsetup = \"walk\"\nstance_column = \"s\"\ntoe_columns = [\"i\", \"o\"]\n";
+    let rig = Rig::parse(walk, "rig.toml").unwrap();
+    assert_eq!(rig.recordings[0].toe_columns, Some(["i".to_owned(), "o".to_owned()]));
+    let wrong = |from: &str, to: &str| Rig::parse(&walk.replace(from, to), "rig.toml").unwrap_err().to_string();
+    assert!(wrong("\"walk\"", "\"inner_stance\"").contains("`toe_columns`: are for `setup = \"walk\"` only"));
+    assert!(wrong("[\"i\", \"o\"]", "[\"i\"]").contains("`toe_columns`: must name two columns"));
+}
+
+#[test]
 fn all_errors_are_told_at_once() {
     let text = FULL
         .replace("inertia_kg_m2 = { value = 0.0043, min = 0.0021,", "inertia_kg_m2 = { value = 0.0001, min = 0.0021,")

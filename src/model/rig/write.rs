@@ -66,6 +66,12 @@ impl Rig {
         if let Some(column) = &entry.stance_column {
             line(out, "stance_column", &quoted(column));
         }
+        if let Some([inner, outer]) = &entry.toe_columns {
+            line(out, "toe_columns", &format!("[{}, {}]", quoted(inner), quoted(outer)));
+        }
+        if let Some(column) = &entry.window_column {
+            line(out, "window_column", &quoted(column));
+        }
         if !entry.parameters.is_empty() {
             let fields: Vec<String> = entry
                 .parameters

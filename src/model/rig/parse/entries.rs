@@ -68,14 +68,42 @@ impl Reader<'_> {
             self.complain(&span, "setup", "missing: a recording of the compass gait says how it was set up");
         }
         let stance_column = self.optional_string(&mut fields, "stance_column").map(|(c, _)| c);
+        let toe_columns = self.toe_columns(&mut fields, setup);
+        let window_column = self.optional_string(&mut fields, "window_column").map(|(c, _)| c);
         let parameters = self.overrides(&mut fields, rig.mechanism);
         let mut effects = Vec::new();
         for table in self.tables(&mut fields, "effects", "effects of a recording") {
             let effect = self.effect(table, rig, false);
             effects.extend(effect);
         }
-        self.finish(fields, "file, use, window_s, setup, stance_column, parameters, effects");
-        Some(RecordingEntry { file: file?.0, usage: usage?, window_s, setup, stance_column, parameters, effects })
+        let known = "file, use, window_s, window_column, setup, stance_column, toe_columns, parameters, effects";
+        self.finish(fields, known);
+        Some(RecordingEntry {
+            file: file?.0,
+            usage: usage?,
+            window_s,
+            setup,
+            stance_column,
+            toe_columns,
+            window_column,
+            parameters,
+            effects,
+        })
+    }
+
+    /// Columns of both toes: only a robot that walks has its toes in the equations.
+    fn toe_columns(&mut self, fields: &mut Fields<'_>, setup: Option<Setup>) -> Option<[String; 2]> {
+        let span = fields.table.get("toe_columns")?.span();
+        let names = self.names(fields, "toe_columns");
+        if setup != Some(Setup::Walk) {
+            self.complain(&span, "toe_columns", "are for `setup = \"walk\"` only");
+            return None;
+        }
+        let columns: Result<[String; 2], _> = names.try_into();
+        if columns.is_err() {
+            self.complain(&span, "toe_columns", "must name two columns, of the inner and of the outer leg");
+        }
+        columns.ok()
     }
 
     fn usage(&mut self, fields: &mut Fields<'_>) -> Option<Use> {
