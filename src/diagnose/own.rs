@@ -2,13 +2,18 @@
 //!
 //! | of the configuration inside | becomes |
 //! |---|---|
-//! | `robot.model` c1..c6 | parameters; the free ones that balance moves are uncertain by [`SHAPE_SPREAD`] |
-//! | `robot.model` viscous, coulomb | friction effects at `hip`, uncertain by the factor [`FRICTION_SPREAD`] |
+//! | `robot.model` c1..c6 | parameters; the free ones that the motion shows are uncertain by [`SHAPE_SPREAD`] |
+//! | `robot.model` viscous, coulomb | friction effects at `hip`, uncertain by the factor [`WRONG_BY`] |
 //! | `robot.model.hip_elasticity` | a `joint_elasticity` at `hip` that the simulation has already |
 //! | `robot.hip` encoder | sensor `hip_angle_rad` with its quantum |
 //! | `robot.imu` | sensor `leg_rate_rad_s`: the gyro |
 //! | torque that the hip drive reports | actuator at `hip`, gain 1 (gear and sign are in the column) |
-//! | `estimate.stance` | the set-up |
+//! | `estimate.stance` | the set-up; in walking, the leg that stands in each row |
+//! | `snapshot.toe_position_m` | in walking, what the legs are shorter than their length |
+//!
+//! Of a walk the rows of single support are taken, from [`LANDED_S`] after a touchdown to [`AHEAD_S`] before the next: a
+//! blow, two feet on the ground and the hip's ringing after them are no part of the model's free run. A stretch knows
+//! nothing of the one before (`window_column`); the toes move as the drives reported.
 //!
 //! Each recording is cut in time: the first part is fitted, the rest never touched before the proof. The robot is
 //! unstable and the recordings are closed loop, so free runs restart every [`WINDOW_S`]: an error grows by
@@ -37,12 +42,23 @@ pub const WINDOW_S: f64 = 0.5;
 const FIT_SHARE: f64 = 0.7;
 /// Shortest part that tells anything, s.
 const SHORTEST_S: f64 = 4.0;
-/// A shape number may be wrong by this share of itself, at least by [`LEAST_SPREAD`].
+/// After so long a landed foot has come to rest and the other one is clear of the ground, s.
+const LANDED_S: f64 = 0.08;
+/// A touchdown is noticed so late at most, s.
+const AHEAD_S: f64 = 0.03;
+/// Single support shorter than this tells less than its initial state takes, s.
+const SHORTEST_STRETCH_S: f64 = 0.15;
+/// More doubt about the leg that stands, and the row is not used.
+const MOST_DOUBT: f64 = 0.5;
+/// Column of the number of a stretch, in the files that are written.
+const STRETCH: &str = "stretch";
+/// In balance, which tells the six shape numbers apart only so far, one may be wrong by this share of itself, at least by
+/// [`LEAST_SPREAD`].
 const SHAPE_SPREAD: f64 = 0.2;
 /// For shape numbers near zero (c3, c6).
 const LEAST_SPREAD: f64 = 0.01;
-/// Friction may be wrong by this factor.
-const FRICTION_SPREAD: f64 = 3.0;
+/// Friction may be wrong by this factor, and in walking the legs' numbers.
+const WRONG_BY: f64 = 3.0;
 
 /// Why no case can be made of recordings.
 #[derive(Debug, thiserror::Error)]
@@ -57,15 +73,6 @@ pub enum OwnError {
         path: String,
         /// The one that it is compared with.
         first: String,
-    },
-    /// The stance leg changes.
-    #[error(
-        "{path}: the stance leg changes; --own takes balance on one leg. For walking write a rig with \
-         setup = \"walk\" and stance_column = \"stance\" (the recording may stand in it as it is)"
-    )]
-    Steps {
-        /// Which.
-        path: String,
     },
     /// Too short.
     #[error("{path}: only {has_s:.1} s of usable motion, {needs_s:.0} s are needed; record longer")]
@@ -110,23 +117,29 @@ impl OwnCase {
             }
             case.add(path, number, &own.table)?;
         }
-        let (mut case, ..) = case.ok_or(OwnError::Nothing)?;
-        case.hold_what_does_not_show();
+        let (mut case, model, _) = case.ok_or(OwnError::Nothing)?;
+        case.free_what_shows(&model);
         Ok(case)
     }
 
-    /// With one stance leg only: c's that its balance does not move are taken as known.
-    fn hold_what_does_not_show(&mut self) {
+    /// With one stance leg only: c's that its balance does not move are taken as known. A walk shows them all, far from
+    /// upright.
+    fn free_what_shows(&mut self, model: &Model) {
         let stands = |setup| self.rig.recordings.iter().any(|r| r.setup == Some(setup));
-        let hidden: &[&str] = match (stands(Setup::InnerStance), stands(Setup::OuterStance)) {
+        let walks = stands(Setup::Walk);
+        let hidden: &[&str] = match (walks || stands(Setup::InnerStance), walks || stands(Setup::OuterStance)) {
             (true, false) => &["c1", "c3", "c4", "c6"],
             (false, true) => &["c2", "c3", "c5", "c6"],
             _ => &[],
         };
-        for name in hidden {
+        for (name, parameter) in ["c1", "c2", "c3", "c4", "c5", "c6"].into_iter().zip(&model.c) {
             let index = self.rig.mechanism.parameter_index(name);
             if let Some(value) = index.and_then(|i| self.rig.parameters.get_mut(i)) {
-                value.bounds = None;
+                if hidden.contains(&name) {
+                    value.bounds = None;
+                } else if walks {
+                    *value = in_walking(parameter);
+                }
             }
         }
     }
@@ -134,7 +147,9 @@ impl OwnCase {
     /// Cuts a recording in two and enters both parts.
     fn add(&mut self, path: &Path, number: usize, table: &Table) -> Result<(), OwnError> {
         let name = || path.display().to_string();
-        let setup = setup(table).ok_or_else(|| OwnError::Steps { path: name() })?;
+        let setup = setup(table)?;
+        let walk = if setup == Setup::Walk { Some(single_support(table)?) } else { None };
+        let table = walk.as_ref().unwrap_or(table);
         let times = table.column("t_s", None).map_err(ExperimentError::Table)?;
         let (first, last) = (times.first().copied().unwrap_or(0.0), times.last().copied().unwrap_or(0.0));
         if last - first < SHORTEST_S {
@@ -148,7 +163,9 @@ impl OwnCase {
                 usage,
                 window_s: Some(WINDOW_S),
                 setup: Some(setup),
-                stance_column: None,
+                stance_column: walk.as_ref().map(|_| "stance".to_owned()),
+                toe_columns: walk.as_ref().map(|_| ["inner_short_m", "outer_short_m"].map(str::to_owned)),
+                window_column: walk.as_ref().map(|_| STRETCH.to_owned()),
                 parameters: Vec::new(),
                 effects: Vec::new(),
             });
@@ -158,14 +175,47 @@ impl OwnCase {
     }
 }
 
-/// The set-up of a recording in which one leg stands throughout.
-fn setup(table: &Table) -> Option<Setup> {
-    let stance = table.column("stance", None).ok()?;
-    match (stance.iter().all(|s| *s < 0.5), stance.iter().all(|s| *s > 0.5)) {
-        (true, _) => Some(Setup::InnerStance),
-        (_, true) => Some(Setup::OuterStance),
-        (false, false) => None,
+/// The set-up of a recording: one leg stands throughout, or the robot walks.
+fn setup(table: &Table) -> Result<Setup, ExperimentError> {
+    let stance = table.column("stance", None).map_err(ExperimentError::Table)?;
+    Ok(match (stance.iter().all(|s| *s < 0.5), stance.iter().all(|s| *s > 0.5)) {
+        (true, _) => Setup::InnerStance,
+        (_, true) => Setup::OuterStance,
+        (false, false) => Setup::Walk,
+    })
+}
+
+/// The rows in which one foot carries for certain, with the number of their stretch.
+fn single_support(table: &Table) -> Result<Table, ExperimentError> {
+    let column = |name: &str| table.column(name, None).map_err(ExperimentError::Table);
+    let (times, steps, doubt) = (column("t_s")?, column("steps")?, column("doubt")?);
+    let mut numbers = vec![0.0; times.len()];
+    let (mut number, mut row) = (0.0, 0);
+    for step in steps.chunk_by(|a, b| a.to_bits() == b.to_bits()) {
+        let (begin, end) = (row, row + step.len());
+        row = end;
+        // Before the first and after the last row nothing lands.
+        let from_s = if begin == 0 { f64::MIN } else { times[begin] + LANDED_S };
+        let to_s = if end == times.len() { f64::MAX } else { times[end] - AHEAD_S };
+        let carries = |row: &usize| (from_s..to_s).contains(&times[*row]) && doubt[*row] < MOST_DOUBT;
+        let rows: Vec<usize> = (begin..end).filter(carries).collect();
+        for stretch in rows.chunk_by(|a, b| b - a == 1) {
+            let (first, last) = (stretch[0], stretch[stretch.len() - 1]);
+            if times[last] - times[first] >= SHORTEST_STRETCH_S {
+                number += 1.0;
+                numbers[first..=last].fill(number);
+            }
+        }
     }
+    let kept: Vec<usize> = (0..times.len()).filter(|row| numbers[*row] > 0.0).collect();
+    let names: Vec<&str> = table.names().iter().map(String::as_str).chain([STRETCH]).collect();
+    let mut columns = Vec::new();
+    for name in table.names() {
+        let all = table.column(name, Some(f64::NAN)).map_err(ExperimentError::Table)?;
+        columns.push(kept.iter().map(|row| all[*row]).collect());
+    }
+    columns.push(kept.iter().map(|row| numbers[*row]).collect());
+    Ok(Table::of_columns("single support", &names, columns))
 }
 
 /// The rig that the controller believes in.
@@ -173,8 +223,8 @@ fn rig(config: &Config) -> Rig {
     let model = &config.robot.model;
     let known = [&model.leg_length_m, &model.total_mass_kg, &model.gravity_m_s2].map(|p| Value::known(p.value));
     let mut effects = vec![
-        Effect::new(EffectKind::ViscousFriction, "hip", vec![friction(&model.viscous_nm_s_rad)]),
-        Effect::new(EffectKind::CoulombFriction, "hip", vec![friction(&model.coulomb_nm)]),
+        Effect::new(EffectKind::ViscousFriction, "hip", vec![by_a_factor(&model.viscous_nm_s_rad)]),
+        Effect::new(EffectKind::CoulombFriction, "hip", vec![by_a_factor(&model.coulomb_nm)]),
     ];
     effects.extend(model.hip_elasticity.as_ref().map(elasticity));
     Rig {
@@ -210,8 +260,13 @@ fn shape(p: &Parameter) -> Value {
     uncertain(p, p.value - spread, p.value + spread)
 }
 
-fn friction(p: &Parameter) -> Value {
-    uncertain(p, p.value / FRICTION_SPREAD, p.value * FRICTION_SPREAD)
+/// What may have either sign is within what `robot.model` allows.
+fn in_walking(p: &Parameter) -> Value {
+    if p.min < 0.0 { uncertain(p, p.min, p.max) } else { by_a_factor(p) }
+}
+
+fn by_a_factor(p: &Parameter) -> Value {
+    uncertain(p, p.value / WRONG_BY, p.value * WRONG_BY)
 }
 
 /// Free within both `min..=max` and the parameter's own bounds, if the configuration lets it be free.
@@ -251,7 +306,7 @@ mod tests {
         for (number, table) in tables.iter().enumerate() {
             case.add(Path::new("x.mcap"), number, table)?;
         }
-        case.hold_what_does_not_show();
+        case.free_what_shows(&load(None, &[]).unwrap().config.robot.model);
         Ok(case)
     }
 
@@ -266,6 +321,8 @@ mod tests {
         assert_eq!(Rig::parse(&case.rig.to_toml(), "written").unwrap(), case.rig);
         let files: Vec<&str> = case.files.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(files, ["own_1_fit.csv", "own_1_heldout.csv"]);
+        let walking = self::case(&[walk()]).unwrap();
+        assert_eq!(Rig::parse(&walking.rig.to_toml(), "written").unwrap(), walking.rig);
     }
 
     #[test]
@@ -284,12 +341,44 @@ mod tests {
     }
 
     #[test]
-    fn steps_and_short_recordings_are_refused_with_a_remedy() {
-        let steps = case(&[table(|k| f64::from(u8::from(k > 5000)))]).unwrap_err().to_string();
-        assert!(steps.contains("x.mcap") && steps.contains("stance_column"), "{steps}");
+    fn short_recordings_are_refused_with_a_remedy() {
         let short = Table::of_columns("x.mcap", &COLUMNS, vec![vec![0.0, 0.001]; COLUMNS.len()]);
         assert!(case(&[short]).unwrap_err().to_string().contains("record longer"));
         assert!(OwnCase::of(&[]).unwrap_err().to_string().contains("at least one"));
+    }
+
+    /// A touchdown each .5 s, and a moment of doubt.
+    fn walk() -> Table {
+        let rows = 10_000;
+        let column = |name: &str| -> Vec<f64> {
+            let of = |k: usize| match name {
+                "t_s" => 1e-3 * k as f64,
+                "steps" => (k / 500) as f64,
+                "stance" => (k / 500 % 2) as f64,
+                "doubt" if (2_250..2_260).contains(&k) => 1.0,
+                _ => 0.0,
+            };
+            (0..rows).map(of).collect()
+        };
+        Table::of_columns("x.mcap", &COLUMNS, COLUMNS.iter().map(|name| column(name)).collect())
+    }
+
+    #[test]
+    fn a_walk_becomes_stretches_of_single_support() {
+        let case = case(&[walk()]).unwrap();
+        let entry = &case.rig.recordings[0];
+        assert_eq!((entry.setup, entry.window_column.as_deref()), (Some(Setup::Walk), Some("stretch")));
+        assert_eq!(free(&case).len(), 6);
+        let rows = single_support(&walk()).unwrap();
+        let [times, stretch, stance] = ["t_s", "stretch", "stance"].map(|name| rows.column(name, None).unwrap());
+        // 20 steps, one of them cut in two by the doubt; nothing close to a touchdown.
+        assert_eq!(stretch.last().copied(), Some(21.0));
+        for (t, stance) in times.iter().zip(stance) {
+            let since_s = t % 0.5;
+            assert!(*t < 0.5 || (LANDED_S - 1e-9..).contains(&since_s), "{t}");
+            assert!(*t > 9.5 || (..0.5 - AHEAD_S + 1e-9).contains(&since_s), "{t}");
+            assert!((stance - libm::floor(t / 0.5 + 1e-9) % 2.0).abs() < 1e-12, "{t}");
+        }
     }
 
     #[test]
