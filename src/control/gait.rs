@@ -2,6 +2,7 @@
 //! configured law does not hold. Which one chose the torque is told in every tick; they change at touchdowns only. RT: yes.
 
 use super::ControllerError;
+use super::compliance::Compliance;
 use super::foot_placement::{FootPlacement, Wish};
 use super::landing::Steady;
 use super::transverse::Transverse;
@@ -16,6 +17,7 @@ use crate::msg::{Estimate, LawName, Leg, Motion, Snapshot};
 pub(super) struct Gait {
     placement: FootPlacement,
     own: Own,
+    compliance: Compliance,
     in_charge: bool,
     stance: Option<Leg>,
 }
@@ -49,7 +51,7 @@ impl Gait {
         if matches!(own, Own::Virtual(_)) {
             placement.landing.walk_as(Steady::of_virtual_constraint(&config.control.virtual_constraint));
         }
-        Ok(Self { placement, own, in_charge: false, stance: None })
+        Ok(Self { placement, own, compliance: Compliance::new(config), in_charge: false, stance: None })
     }
 
     /// The next tick begins a first step, out of balance.
@@ -81,6 +83,20 @@ impl Gait {
 
     /// Torque and toes, and whose they are.
     pub(super) fn step(
+        &mut self,
+        now: Stamp,
+        e: &Estimate,
+        seen: &Snapshot,
+        speed_m_s: f64,
+        motion: Motion,
+    ) -> (Wish, LawName) {
+        let (mut wish, law) = self.rigid_step(now, &self.compliance.slow(e), seen, speed_m_s, motion);
+        wish.hip_torque_nm += self.compliance.damping_nm(e);
+        (wish, law)
+    }
+
+    /// The same of legs that a rigid drive carries.
+    fn rigid_step(
         &mut self,
         now: Stamp,
         e: &Estimate,

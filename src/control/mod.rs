@@ -26,6 +26,7 @@
 )]
 
 mod balance;
+mod compliance;
 mod foot_placement;
 mod friction;
 mod gains;
