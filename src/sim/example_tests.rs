@@ -17,6 +17,9 @@ const EXAMPLES: [&str; 8] = [
     "mocap.toml",
 ];
 
+/// Those whose devices are the usual ones: they are for walking.
+const WALKS: [&str; 1] = ["heavier_leg.toml"];
+
 fn example(name: &str) -> Resolved {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples").join(name);
     config::load(Some(&path), &[]).unwrap()
@@ -24,7 +27,7 @@ fn example(name: &str) -> Resolved {
 
 #[test]
 fn every_example_is_valid_without_a_warning() {
-    for name in EXAMPLES {
+    for name in EXAMPLES.into_iter().chain(WALKS) {
         assert_eq!(example(name).warnings, [], "{name}");
     }
 }
@@ -35,7 +38,7 @@ fn the_folder_of_examples_holds_what_is_tested() {
     let mut found: Vec<String> =
         std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     found.sort_unstable();
-    let mut known = EXAMPLES.map(str::to_owned);
+    let mut known: Vec<String> = EXAMPLES.into_iter().chain(WALKS).map(str::to_owned).collect();
     known.sort_unstable();
     assert_eq!(found, known);
 }
@@ -49,6 +52,15 @@ fn every_example_balances() {
         println!("{name}: stance leg swings over {width:.2} degrees, {} ticks armed", summary.armed_ticks);
         assert!(summary.stands(), "{name}: {summary:?}");
         assert!(width < 1.0, "{name}: {summary:?}");
+    }
+}
+
+#[test]
+fn every_walk_walks() {
+    for name in WALKS {
+        let mut lockstep = Lockstep::new(&example(name).config).unwrap();
+        let summary = scenario::run(&mut lockstep, Span::from_ms(20_000), Span::from_ms(10_000), |_, _| {});
+        assert!(summary.fall.is_none() && summary.steps >= 15, "{name}: {summary:?}");
     }
 }
 
