@@ -107,6 +107,7 @@ pub(crate) mod worked {
             is_trapped: false,
             seed: 1,
             ledger: Ledger::default(),
+            held_out: None,
         };
         Shown { context, problem: Hidden(measured) }
     }

@@ -231,6 +231,7 @@ mod tests {
             is_trapped: false,
             seed: 1,
             ledger: Ledger::default(),
+            held_out: None,
         };
         let (start, limits) = (problem.start(), Limits { iterations: 30, tolerance: 1e-8 });
         (FittedModel::fitted(problem, start, &[Colour::white(0.001)], &context.floors, limits).unwrap(), context)

@@ -69,6 +69,7 @@ pub mod identification;
 pub mod initial_guesses;
 pub mod initial_states;
 pub mod input_checks;
+pub mod instants;
 pub mod interest;
 pub mod judge;
 pub mod laws;

@@ -13,6 +13,8 @@ use super::numbers::{
 use crate::diagnose::candidate_fit::CandidateFit;
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::held_out::Confirmation;
+use crate::diagnose::instants::gain_beside_instants;
 use crate::diagnose::likelihood::{Difference, is_misfit};
 use crate::diagnose::state_continuity::is_externally_driven;
 use crate::diagnose::tables::estimates;
@@ -143,6 +145,11 @@ fn obeys_the_rules(
     }
     let effect = trial.candidate.effect;
     let threshold = detection_threshold(context, trial.candidate.keys.len());
+    let beside = gain_beside_instants(now, &trial.hypothesis, trial.gain, trial.candidate.only.as_deref());
+    said(&format!("   {effect} gains {:.0}, {beside:.0} beside instants that are known to a row", trial.gain));
+    if beside <= threshold {
+        return false;
+    }
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
     // A strength that a base parameter shares is uncertain; that it is none is not, with a gain like this.
     let beyond_doubt = !misfit && trial.gain > BEYOND_DOUBT * threshold;
@@ -150,6 +157,13 @@ fn obeys_the_rules(
     if !beyond_doubt && strength_is_undetermined(&trial.hypothesis.clone().with_intervals(), last) {
         said(&format!("   {effect} is not two deviations from nothing"));
         return false;
+    }
+    let told = Confirmation::of_candidate(&trial.candidate, &trial.hypothesis, now, context);
+    if let Some(told) = told {
+        said(&format!("   {effect}, where it was not fitted: {told}"));
+        if told.refutes(trial.candidate.keys.len(), context) {
+            return false;
+        }
     }
     let Some(kept) = kept() else { return true };
     said(&format!("   {effect} keeps {kept:.2} of its gain on recordings left out"));
@@ -201,6 +215,7 @@ mod tests {
             is_trapped: false,
             seed: 1,
             ledger: Ledger::default(),
+            held_out: None,
         };
         let mut push = trial("external_push", 2, 400.0);
         push.candidate.only = Some("a.csv".into());

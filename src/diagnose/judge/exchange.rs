@@ -79,6 +79,7 @@ mod tests {
             is_trapped: false,
             seed: 1,
             ledger: Ledger::default(),
+            held_out: None,
         };
         let lag = trial("actuator_lag", 1, 0.0).candidate;
         let gain = |total: f64, low: f64| Difference { total, low, high: 2.0 * total, std: 1.0 };

@@ -112,7 +112,15 @@ mod tests {
     use crate::diagnose::judge::evidence::Ledger;
 
     fn context(samples: usize) -> Context {
-        Context { floors: vec![1e-3], samples, given: 0, is_trapped: false, seed: 1, ledger: Ledger::default() }
+        Context {
+            floors: vec![1e-3],
+            samples,
+            given: 0,
+            is_trapped: false,
+            seed: 1,
+            ledger: Ledger::default(),
+            held_out: None,
+        }
     }
 
     #[test]
