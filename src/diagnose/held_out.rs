@@ -132,8 +132,14 @@ impl Confirmation {
         let own = |of: &FittedModel| Some(cut_elsewhere(of, |r| r.name == *only, &context.floors)?.residuals);
         let (happened, not) = (own(with)?, own(without)?);
         let noise = quiet_noise(with, |r| r.name == *only, context);
-        let [with, without] = [&happened, &not].map(|residuals| above(residuals, &noise));
-        Some(Self { left: part(with, without), ..Self::of(&happened, &not, &context.floors) })
+        Some(Self::of_event(&happened, &not, &noise, context))
+    }
+
+    /// Of an event, in the recording in which it happened. `noise`: where nothing happens.
+    #[must_use]
+    pub fn of_event(with: &Residuals, without: &Residuals, noise: &[Colour], context: &Context) -> Self {
+        let left = part(above(with, noise), above(without, noise));
+        Self { left, ..Self::of(with, without, &context.floors) }
     }
 
     /// True if it speaks for the one model against another of as many numbers.
@@ -211,6 +217,7 @@ fn part(with: f64, without: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
     use crate::identify::synthesis::{SHAKEN_PENDULUM, shaken_pendulum};
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = 0.004\n";
@@ -231,6 +238,29 @@ mod tests {
         assert!(promised > 400.0 && (gained / promised + 1.0).abs() < 0.1, "{promised} {gained}");
         let Confirmation { promised, gained, .. } = Confirmation::of(&truth, &wrong, &[1e-6]);
         assert!((gained / promised - 1.0).abs() < 0.1, "the other way round: {promised} {gained}");
+    }
+
+    const PUSH: &str = "[[effect]]\neffect = \"external_push\"\nat = \"q1\"\nimpulse = ";
+
+    /// What a push at .6 s of so much promises and gains in windows of 1 s that were not fitted, if `happened` is the truth.
+    fn push(happened: &str, so_much: f64) -> Confirmation {
+        let Shown { context, problem } = shown(happened);
+        let value = format!("{{ value = {so_much}, min = -1.0, max = 1.0 }}");
+        let with = problem.fitted(&format!("{PUSH}{value}\ntime = 0.6\n"), 0, &context);
+        let without = problem.fitted("", 10, &context);
+        let candidate = Candidate { only: Some("a.csv".into()), ..problem.candidate("external_push", "q1") };
+        Confirmation::of_candidate(&candidate, &with, &without, &context).unwrap()
+    }
+
+    #[test]
+    fn a_push_holds_in_its_own_recording_cut_at_other_instants_if_it_happened() {
+        let context = shown("").context;
+        let happened = push(&format!("{PUSH}0.01\ntime = 0.6\n"), 0.01);
+        assert!(!happened.refutes(2, &context) && happened.left < 0.1, "{happened}");
+        let other = push(&format!("{PUSH}-0.01\ntime = 0.6\n"), 0.01);
+        assert!(other.refutes(2, &context), "the other way round: {other}");
+        let nothing = push("", 0.01);
+        assert!(nothing.refutes(2, &context), "{nothing}");
     }
 
     #[test]

@@ -1,20 +1,21 @@
-//! What a part of a row explains: when a command acted and when a reading was taken is known to a row, half of it either way.
+//! What a part of a row explains: a reading stands at the row that is nearest to its instant, so that it is known to half a row.
 //!
 //! Two simulators of one machine that hold a command, step and read in another order differ by that much, and so do a drive and
 //! its logger ([`crate::identify::sampling`]). Beside what those instants explain an effect must still count; else half a row
-//! that is late is called a clock, a lag, a push. Linear around the fit, everything else following.
+//! that is late is called a clock, a lag, a push.
 //! RT: no.
 
 use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::judge::numbers::HALF_A_ROW;
 use crate::diagnose::score_test::{Column, ScoreTest};
+use crate::diagnose::tables::step_s;
 use crate::identify::covariance::Change;
-use crate::identify::fit::{FreeRuns, Point, Series};
+use crate::identify::fit::{FreeRuns, Limits, Point, Series};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use crate::identify::sampling::one_row_later;
-
-/// How far the instant of a reading may be from that of the command, in rows: half a row of each.
-const A_ROW: f64 = 1.0;
+use crate::model::effect::EffectKind;
+use crate::model::rig::{Effect, Value};
 
 /// Changes of the predictions when each sensor reads a row later. A command that acts a row earlier is all of them together.
 fn readings_later(of: &FittedModel) -> Vec<Change> {
@@ -25,12 +26,42 @@ fn readings_later(of: &FittedModel) -> Vec<Change> {
 
 /// By how much `richer` gains more than `plain` when the instants of both are free within their rows. `gain`: with instants as
 /// they are. `only`: the recording of an event, each window of which has instants of its own: what happens once is told from
-/// what is late once.
+/// what is late once. Linear around both; what is more than `least` then is fitted, but for an event.
 #[must_use]
-pub fn gain_beside_instants(plain: &FittedModel, richer: &FittedModel, gain: f64, only: Option<&str>) -> f64 {
+pub fn gain_beside_instants(
+    plain: &FittedModel,
+    richer: &FittedModel,
+    (gain, least): (f64, f64),
+    only: Option<&str>,
+    floors: &[f64],
+) -> f64 {
     let noise = &richer.noise;
-    gain - explained_by_instants(plain, noise, only) + explained_by_instants(richer, noise, only)
+    let linear = gain - explained_by_instants(plain, noise, only) + explained_by_instants(richer, noise, only);
+    if linear <= least || only.is_some() {
+        return linear;
+    }
+    let fitted = |of: &FittedModel| Some(with_instants(of, noise, floors)?.blocks(noise).iter().sum::<f64>());
+    let [Some(without), Some(with)] = [plain, richer].map(fitted) else { return linear };
+    with - without
 }
+
+/// As the refit without an effect is done.
+const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
+
+/// `of` with the instants of its readings fitted too.
+fn with_instants(of: &FittedModel, noise: &[Colour], floors: &[f64]) -> Option<FittedModel> {
+    let half_s = HALF_A_ROW * step_s(of);
+    let mut rig = of.rig.clone();
+    let late = |column: &str| {
+        Effect::new(EffectKind::SensorDelay, column, vec![Value::free(NEARLY_NOTHING * half_s, -half_s, half_s)])
+    };
+    rig.effects.extend(of.rig.sensors.iter().map(|sensor| late(&sensor.column)));
+    let (problem, start) = of.extended(rig);
+    FittedModel::fitted(problem, start, noise, floors, REFIT)
+}
+
+/// Part of a row from which a delay is one, for the first derivative.
+const NEARLY_NOTHING: f64 = 1e-3;
 
 /// Rise of twice the log-likelihood of `of` under `noise` when commands and readings move within their rows.
 fn explained_by_instants(of: &FittedModel, noise: &[Colour], only: Option<&str>) -> f64 {
@@ -55,7 +86,7 @@ fn explained_by_instants(of: &FittedModel, noise: &[Colour], only: Option<&str>)
     let apart = changes.iter().flat_map(|change| own.iter().map(|w| alone(change, *w)));
     let columns: Vec<Column> =
         std::iter::once(nothing.clone()).chain(changes.iter().map(others)).chain(apart).collect();
-    let bounds = vec![(-A_ROW, A_ROW); columns.len() - 1];
+    let bounds = vec![(-HALF_A_ROW, HALF_A_ROW); columns.len() - 1];
     screen.promise(&columns, &[], &bounds).max(0.0)
 }
 
@@ -105,7 +136,7 @@ mod tests {
         let (plain, richer) = (problem.fitted("", 20, &context), problem.fitted(effect, 20, &context));
         let total = |h: &FittedModel| -> f64 { h.blocks(&richer.noise).iter().sum() };
         let gain = total(&richer) - total(&plain);
-        (gain, gain_beside_instants(&plain, &richer, gain, None))
+        (gain, gain_beside_instants(&plain, &richer, (gain, 0.0), None, &context.floors))
     }
 
     #[test]

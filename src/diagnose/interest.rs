@@ -113,8 +113,10 @@ impl Kept {
             let (candidate, without) = (&self.added[effect].candidate, self.without(effect, base, context)?);
             let numbers = candidate.keys.len();
             let gain = compare(&self.found, &without, context).total;
-            let beside = gain_beside_instants(&without, &self.found, gain, candidate.only.as_deref());
-            if beside <= detection_threshold(context, numbers) {
+            let least = detection_threshold(context, numbers);
+            let only = candidate.only.as_deref();
+            let beside = gain_beside_instants(&without, &self.found, (gain, least), only, &context.floors);
+            if beside <= least {
                 return Some(Refuted { effect, gained: beside, without, why: LATE });
             }
             let told = Confirmation::of_candidate(candidate, &self.found, &without, context)?;

@@ -8,9 +8,7 @@ use crate::diagnose::free_curve::FreeCurve;
 use crate::diagnose::held_out::{Confirmation, cut_elsewhere, quiet_noise};
 use crate::diagnose::instants::FreeInstants;
 use crate::diagnose::judge::criterion::{Context, compare};
-use crate::diagnose::judge::flexibility::is_local_term;
 use crate::diagnose::judge::nameless::{Excess, asks_for_a_fit, beyond_chance, free_force_threshold, is_removed};
-use crate::diagnose::judge::numbers::LOCAL_TERMS;
 use crate::diagnose::judge::verdict::{Law, Member, Missing, Place};
 use crate::diagnose::laws::band_95;
 use crate::diagnose::likelihood::is_misfit;
@@ -19,7 +17,6 @@ use crate::diagnose::ltv::LtvWindow;
 use crate::diagnose::scan::{Curve, Over, state_curve, time_curve, vibration, vibration_columns};
 use crate::diagnose::score_test::{Column, ScoreTest};
 use crate::diagnose::sentence;
-use crate::identify::floor::complaints;
 use crate::identify::noise::{Colour, loss};
 use crate::model::effect::EffectKind;
 use crate::model::rig::Rig;
@@ -36,8 +33,6 @@ pub struct Unlisted {
     pub places: Vec<Place>,
     /// Part of the misfit that it explains, where that is known.
     pub share: Option<f64>,
-    /// True if its force goes with time, not with the state.
-    pub over_time: bool,
     /// The joint with whose position its force goes, if it does.
     pub over_position_of: Option<usize>,
 }
@@ -51,7 +46,6 @@ impl Unlisted {
             laws: Vec::new(),
             places: Vec::new(),
             share: None,
-            over_time: false,
             over_position_of: None,
         }
     }
@@ -146,8 +140,7 @@ pub fn unexplained(
     said: &mut dyn FnMut(&str),
 ) -> Option<(Unlisted, bool)> {
     let listed: f64 = found.blocks(&base.noise).iter().sum::<f64>() - base.blocks(&base.noise).iter().sum::<f64>();
-    let is_rough = !complaints(&base.problem, &base.point, &base.noise).is_empty();
-    let threshold = free_force_threshold(context, is_rough);
+    let threshold = free_force_threshold(context);
     let on_base = structure(base, true, context, said)?;
     let excess = Excess { threshold, on_base: on_base.excess, listed };
     let misfit = |h: &FittedModel| is_misfit(&h.residuals, &context.floors);
@@ -162,9 +155,6 @@ pub fn unexplained(
     ));
     let held = Excess { on_base: on_base.held(), ..excess };
     let force = on_base.force.map(|(force, _)| force);
-    if local_terms(found, base) >= LOCAL_TERMS && held.beats_local_terms() {
-        return Some((force?, true));
-    }
     if found.rig.effects.len() == base.rig.effects.len() {
         return force.filter(|_| held.counts()).map(|force| (force, true));
     }
@@ -175,9 +165,8 @@ pub fn unexplained(
         return Some((unlisted, true));
     }
     // What is left may be the imperfect form of a right effect; where next to nothing is left, the listed say it all.
-    let goes_with_time = force.as_ref().is_none_or(|force| force.over_time);
     let on_found = left.as_ref().map_or(0.0, |left| left.excess);
-    if is_removed(removed, goes_with_time && misfit(base)) || excess.leaves_little(on_found) {
+    if is_removed(removed) || excess.leaves_little(on_found) {
         return None;
     }
     if held.beats_listed() {
@@ -209,7 +198,7 @@ fn changed(
     let parts = [&changed.before, &changed.after];
     let left: f64 =
         parts.into_iter().filter_map(|h| structure(h, true, context, said)).map(|left| left.excess.max(0.0)).sum();
-    if !excess.leaves_little(left) {
+    if !excess.leaves_little(left) || !changed.holds(base, context) {
         return None;
     }
     let changed = changed.nearby(base, context);
@@ -221,14 +210,7 @@ fn changed(
     let at = on_base.at.as_str();
     let sentence = sentence::changed(at, (name, changed.from_s), &numbers);
     let places = base.rig.sensors.first().map(|s| changed.place(&s.column)).into_iter().collect();
-    Some(Unlisted {
-        entry: nameless(at, sentence),
-        places,
-        share: None,
-        over_time: true,
-        over_position_of: None,
-        laws: Vec::new(),
-    })
+    Some(Unlisted { entry: nameless(at, sentence), places, share: None, over_position_of: None, laws: Vec::new() })
 }
 
 /// A free force over the position of `joint`, or of one at which a ripple was found, that says more than all that was found.
@@ -259,7 +241,6 @@ fn over_position(
             laws: vec![curve.law()],
             places: Vec::new(),
             share: Some(part),
-            over_time: false,
             over_position_of: Some(joint),
         }
     })
@@ -274,11 +255,6 @@ fn refutes_curve(curve: &FreeCurve, base: &FittedModel, context: &Context, said:
     let told = Confirmation::of(&with, &without, &context.floors);
     said(&format!("   on recordings kept back: {told}"));
     !told.holds()
-}
-
-/// How many of the effects that `found` adds to `base` fit a piece of anything.
-fn local_terms(found: &FittedModel, base: &FittedModel) -> usize {
-    found.rig.effects[base.rig.effects.len()..].iter().filter(|e| is_local_term(&found.rig, e.kind)).count()
 }
 
 /// Squares of the residual in units of the spread that `base` leaves, outliers pulled in by the loss.
@@ -329,7 +305,7 @@ fn structure(of: &FittedModel, with_time: bool, context: &Context, said: &mut dy
     said(&format!("free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
     let name = |p: &Pattern| of.rig.mechanism.coordinates()[p.joint].to_owned();
     // What is too little to count says how little is left, and is not asked.
-    let asked = |p: &&Pattern| excess(p) > free_force_threshold(context, false);
+    let asked = |p: &&Pattern| excess(p) > free_force_threshold(context);
     let held = patterns.iter().take_while(asked).find(|p| !is_refuted_elsewhere(of, p, context, said));
     let force = held.map(|p| (unlisted(of, p, &patterns), excess(p)));
     Some(Structure { excess: excess(best), at: name(best), force })
@@ -350,7 +326,6 @@ fn unlisted(of: &FittedModel, told: &Pattern, patterns: &[Pattern]) -> Unlisted 
         laws,
         places: located(of, told),
         share: Some(share),
-        over_time: told.is_over_time(),
         over_position_of: told.is_over_position().then_some(told.joint),
     }
 }
