@@ -245,8 +245,7 @@ mod tests {
     /// What a push at .6 s of so much promises and gains in windows of 1 s that were not fitted, if `happened` is the truth.
     fn push(happened: &str, so_much: f64) -> Confirmation {
         let Shown { context, problem } = shown(happened);
-        let value = format!("{{ value = {so_much}, min = -1.0, max = 1.0 }}");
-        let with = problem.fitted(&format!("{PUSH}{value}\ntime = 0.6\n"), 0, &context);
+        let with = problem.fitted(&format!("{PUSH}{so_much}\ntime = 0.6\n"), 10, &context);
         let without = problem.fitted("", 10, &context);
         let candidate = Candidate { only: Some("a.csv".into()), ..problem.candidate("external_push", "q1") };
         Confirmation::of_candidate(&candidate, &with, &without, &context).unwrap()

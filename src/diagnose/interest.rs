@@ -45,6 +45,7 @@ pub fn undetermined(added: &[SelectedEffect], seen: &[Seen], least: f64) -> Opti
 const TOO_SMALL: &str = "too small to matter";
 const UNDETERMINED: &str = "its 95 % interval reaches nothing";
 const REFUTED: &str = "recordings that were not fitted speak against it";
+const CHANCE: &str = "beside the others it gains no more than chance";
 const LATE: &str = "commands and readings are known to a row, and that explains it";
 
 /// As [`refit_without`] does it.
@@ -113,15 +114,15 @@ impl Kept {
             let (candidate, without) = (&self.added[effect].candidate, self.without(effect, base, context)?);
             let numbers = candidate.keys.len();
             let gain = compare(&self.found, &without, context).total;
+            let told = Confirmation::of_candidate(candidate, &self.found, &without, context);
+            if let Some(told) = told.filter(|told| told.refutes(numbers, context)) {
+                return Some(Refuted { effect, gained: told.gained, without, why: REFUTED });
+            }
             let least = detection_threshold(context, numbers);
             let only = candidate.only.as_deref();
             let beside = gain_beside_instants(&without, &self.found, (gain, least), only, &context.floors);
-            if beside <= least {
-                return Some(Refuted { effect, gained: beside, without, why: LATE });
-            }
-            let told = Confirmation::of_candidate(candidate, &self.found, &without, context)?;
-            let refuted = || Refuted { effect, gained: told.gained, without, why: REFUTED };
-            told.refutes(numbers, context).then(refuted)
+            let why = if gain > least { LATE } else { CHANCE };
+            (beside <= least).then_some(Refuted { effect, gained: beside, without, why })
         };
         (0..self.added.len()).filter_map(one).min_by(|a, b| a.gained.total_cmp(&b.gained))
     }
