@@ -191,6 +191,7 @@ mod tests {
             is_trapped: false,
             seed: 1,
             ledger: Ledger::default(),
+            held_out: None,
         };
         let mut stuck = 0;
         for (viscous, coulomb) in [(0.0021, 0.0040), (0.0004, 0.0090), (0.0030, 0.0020)] {

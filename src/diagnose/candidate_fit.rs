@@ -107,6 +107,7 @@ pub(crate) mod worked {
             is_trapped: false,
             seed: 1,
             ledger: Ledger::default(),
+            held_out: None,
         };
         Shown { context, problem: Hidden(measured) }
     }
@@ -119,7 +120,7 @@ pub(crate) mod worked {
             FittedModel::fitted(problem, start, &[Colour::white(0.001)], &context.floors, limits).unwrap()
         }
 
-        fn candidate(effect: &'static str, at: &str) -> Candidate {
+        pub(crate) fn candidate(&self, effect: &'static str, at: &str) -> Candidate {
             let (keys, starts) = (Vec::new(), Vec::new());
             Candidate { effect, at: at.into(), keys, starts, only: None, motor_sensor: None, side: Side::Link }
         }
@@ -134,7 +135,7 @@ pub(crate) mod worked {
             context: &Context,
         ) -> CandidateFit {
             CandidateFit {
-                candidate: Self::candidate(effect, at),
+                candidate: self.candidate(effect, at),
                 hypothesis: self.fitted(text, iterations, context),
                 gain,
             }
@@ -147,7 +148,7 @@ pub(crate) mod worked {
             gain: f64,
             others: Vec<CandidateFit>,
         ) -> SelectedEffect {
-            SelectedEffect { candidate: Self::candidate(effect, at), others, gain, removed: 0.5 }
+            SelectedEffect { candidate: self.candidate(effect, at), others, gain, removed: 0.5 }
         }
     }
 }

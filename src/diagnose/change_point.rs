@@ -6,6 +6,7 @@
 //! RT: no.
 
 use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::held_out::{Confirmation, cut_elsewhere, quiet_noise};
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::exchange::is_clear;
 use crate::diagnose::judge::nameless::change_is_ahead;
@@ -102,6 +103,22 @@ impl ChangePoint {
     #[must_use]
     pub fn ahead_of(&self, other: &FittedModel) -> f64 {
         self.likelihood - other.blocks(&self.noise).iter().sum::<f64>()
+    }
+
+    /// True if the two machines hold in their recording cut at other instants, and leave but noise there.
+    #[must_use]
+    pub fn holds(&self, base: &FittedModel, context: &Context) -> bool {
+        let name = &self.after.problem.recordings[self.recording].name;
+        let own = |of: &FittedModel| cut_elsewhere(of, |r| r.name == *name, &context.floors);
+        let base_in = |part: &FittedModel| {
+            let point = Point { parameters: base.point.parameters.clone(), states: part.point.states.clone() };
+            own(&FittedModel { problem: part.problem.clone(), point, ..base.clone() })
+        };
+        let both = |before: Option<FittedModel>, after: Option<FittedModel>| Some(together(&before?, &after?));
+        let Some(with) = both(own(&self.before), own(&self.after)) else { return false };
+        let Some(without) = both(base_in(&self.before), base_in(&self.after)) else { return true };
+        Confirmation::of_event(&with, &without, &quiet_noise(&self.before, |r| r.name == *name, context), context)
+            .holds()
     }
 
     /// True if it leaves but noise and is clearly ahead of `found`, its numbers paid for.
@@ -231,6 +248,7 @@ mod tests {
             is_trapped: false,
             seed: 1,
             ledger: Ledger::default(),
+            held_out: None,
         };
         let (start, limits) = (problem.start(), Limits { iterations: 30, tolerance: 1e-8 });
         (FittedModel::fitted(problem, start, &[Colour::white(0.001)], &context.floors, limits).unwrap(), context)

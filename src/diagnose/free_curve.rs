@@ -157,7 +157,15 @@ mod tests {
         let floors = floors(truth, &pooled, &all);
         let [base, found] = [&[][..], ripples].map(|r| fitted(&rig(r, true), &all, &pooled, &floors).unwrap());
         let samples = samples(&base.residuals, &floors);
-        let context = Context { floors, samples, given: 1, is_trapped: false, seed: 0, ledger: Ledger::default() };
+        let context = Context {
+            floors,
+            samples,
+            given: 1,
+            is_trapped: false,
+            seed: 0,
+            ledger: Ledger::default(),
+            held_out: None,
+        };
         let curve = FreeCurve::fitted(&base, 0, &ltv_windows(&base).unwrap(), &context).unwrap();
         let more = curve.says_more_than(&found, &base, &context);
         (curve, more)

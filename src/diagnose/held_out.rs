@@ -2,14 +2,27 @@
 //!
 //! An effect that only bends to the recordings it was fitted to costs elsewhere: a limit of a drive on top of the friction that
 //! is the truth, a bristle on top of a leg's Coulomb friction. Nothing is fitted here but how each window begins.
+//!
+//! What happens at one instant of one recording is in no other. It is asked in its own, cut at other instants: in the middle of
+//! each window a new one begins, so that what the state at a window's start had taken over is no longer where it was.
 //! RT: no.
 
+use crate::diagnose::candidates::Candidate;
+use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::verdict::{is_borne_out, is_kept, is_refuted, is_removed_where_it_acts};
 use crate::diagnose::likelihood::{Residuals, white};
 use crate::diagnose::outliers::clean;
+use crate::diagnose::score_test::{Column, ScoreTest};
 use crate::identify::experiment::{Experiment, Recording};
+use crate::identify::fit::Point;
+use crate::identify::noise::Colour;
+use crate::identify::problem::Problem;
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
 use crate::model::rig::{Rig, Use};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// The recordings that were kept back.
 #[derive(Clone, Debug)]
@@ -45,6 +58,44 @@ impl HeldOut {
         };
         Some((0..rig.sensors.len()).map(channel).collect())
     }
+
+    /// `of` on these recordings, its numbers as they are. `None` if it runs away on one of them.
+    #[must_use]
+    pub fn predicted_by(&self, of: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
+        let problem = Problem::new(of.rig.clone(), self.recordings.clone());
+        started(problem, of, floors)
+    }
+}
+
+/// `of` on the recordings that `wanted` keeps, its numbers as they are, its windows cut in the middle of those that were fitted
+/// and where the machine was set anew. `None` if a run leaves the finite numbers.
+#[must_use]
+pub fn cut_elsewhere(of: &FittedModel, wanted: impl Fn(&Recording) -> bool, floors: &[f64]) -> Option<FittedModel> {
+    let mut problem = of.problem.clone();
+    (problem.windows, problem.spans) = (Vec::new(), Vec::new());
+    for (r, recording) in of.problem.recordings.iter().enumerate().filter(|(_, recording)| wanted(recording)) {
+        let mine = of.problem.windows.iter().zip(&of.problem.spans).filter(|((own, _), _)| *own == r);
+        let rows: Vec<&Range<usize>> = mine.map(|(_, rows)| rows).collect();
+        let (Some(first), Some(last)) = (rows.first(), rows.last()) else { continue };
+        let middles = rows.iter().map(|rows| usize::midpoint(rows.start, rows.end));
+        let breaks = (first.start + 1..last.end).filter(|row| recording.is_fresh(*row));
+        let mut cuts: Vec<usize> = [first.start, last.end].into_iter().chain(middles).chain(breaks).collect();
+        cuts.sort_unstable();
+        for (w, cut) in cuts.windows(2).enumerate().filter(|(_, cut)| cut[0] < cut[1]) {
+            problem.windows.push((r, w));
+            problem.spans.push(cut[0]..cut[1]);
+        }
+    }
+    started(problem, of, floors)
+}
+
+/// `of` in the windows of `problem`, each from the state that suits it best.
+fn started(problem: Problem, of: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
+    let noise = white(&of.residuals, floors);
+    let at = Point { parameters: of.point.parameters.clone(), states: Vec::new() };
+    let sought = |w: usize| problem.sought(w, &at, &noise);
+    let states = (0..problem.windows.len()).into_par_iter().map(sought).collect::<Option<_>>()?;
+    FittedModel::at(problem, Point { states, ..at }, DMatrix::zeros(0, 0), floors)
 }
 
 /// What an effect does to predictions, in squares of the noise that the better of two models leaves.
@@ -55,13 +106,66 @@ pub struct Confirmation {
     pub promised: f64,
     /// By how much the error falls.
     pub gained: f64,
+    /// Of an event: what it leaves of the squares above noise where it acts, as a part of what is there without it. Nothing
+    /// for what lasts.
+    pub left: f64,
+}
+
+impl std::fmt::Display for Confirmation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "promises {:.0}, gains {:.0}, leaves {:.2}", self.promised, self.gained, self.left)
+    }
 }
 
 impl Confirmation {
+    /// Of `candidate`, which `with` has and `without` has not: by the recordings that were kept back, or, if it is an event, by
+    /// its own, cut at other instants. `None` if there are none, or one of the two runs away there.
+    #[must_use]
+    pub fn of_candidate(
+        candidate: &Candidate,
+        with: &FittedModel,
+        without: &FittedModel,
+        context: &Context,
+    ) -> Option<Self> {
+        let Some(only) = &candidate.only else {
+            let residuals = |of: &FittedModel| context.held_out.as_ref()?.residuals(&of.rig);
+            return Some(Self::of(&residuals(with)?, &residuals(without)?, &context.floors));
+        };
+        let own = |of: &FittedModel| Some(cut_elsewhere(of, |r| r.name == *only, &context.floors)?.residuals);
+        let (happened, not) = (own(with)?, own(without)?);
+        let noise = quiet_noise(with, |r| r.name == *only, context);
+        Some(Self::of_event(&happened, &not, &noise, context))
+    }
+
+    /// Of an event, in the recording in which it happened. `noise`: where nothing happens.
+    #[must_use]
+    pub fn of_event(with: &Residuals, without: &Residuals, noise: &[Colour], context: &Context) -> Self {
+        let left = part(above(with, noise), above(without, noise));
+        Self { left, ..Self::of(with, without, &context.floors) }
+    }
+
+    /// True if it speaks for the one model against another of as many numbers.
+    #[must_use]
+    pub fn bears_out(&self, context: &Context) -> bool {
+        is_borne_out(self.promised, self.gained, context)
+    }
+
+    /// True if it speaks for a force that has no other claim than that it is seen.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        is_kept(self.promised, self.gained) && is_removed_where_it_acts(self.left)
+    }
+
+    /// True if it speaks against an effect of so many numbers.
+    #[must_use]
+    pub fn refutes(&self, numbers: usize, context: &Context) -> bool {
+        is_refuted(self.promised, self.gained, numbers, context) || !is_removed_where_it_acts(self.left)
+    }
+
     /// Of the effect that the one model has and the other has not.
     #[must_use]
     pub fn of(with: &Residuals, without: &Residuals, floors: &[f64]) -> Self {
-        let mut out = Self { promised: 0.0, gained: 0.0 };
+        let mut out = Self { promised: 0.0, gained: 0.0, left: 0.0 };
         let noises = white(with, floors).into_iter().zip(white(without, floors));
         for ((with, without), (a, b)) in with.iter().zip(without).zip(noises) {
             let sigma = a.sigma.min(b.sigma);
@@ -75,11 +179,47 @@ impl Confirmation {
         }
         out
     }
+
+    /// Of an addition to the readings of `of`, the numbers of which follow: what they mimic is none of it. `quiet`: the noise
+    /// where nothing happens, if it is an event.
+    #[must_use]
+    pub fn of_addition(of: &FittedModel, addition: &Column, quiet: Option<&[Colour]>, floors: &[f64]) -> Option<Self> {
+        let plain = white(&of.residuals, floors);
+        let noise = quiet.unwrap_or(&plain);
+        let (promised, gained) = ScoreTest::new(&of.problem, &of.point, noise)?.as_it_is(addition);
+        let without = above(&of.residuals, noise);
+        let left = quiet.map_or(0.0, |_| part(without - gained, without));
+        Some(Self { promised, gained, left })
+    }
+}
+
+/// Noise of each channel in the recordings in which nothing `happened`, or in all, if there is no other.
+#[must_use]
+pub fn quiet_noise(of: &FittedModel, happened: impl Fn(&Recording) -> bool, context: &Context) -> Vec<Colour> {
+    let is_quiet = |w: &usize| !happened(&of.problem.recordings[of.problem.windows[*w].0]);
+    let quiet: Vec<usize> = (0..of.problem.windows.len()).filter(is_quiet).collect();
+    let residuals = if quiet.is_empty() { &of.residuals } else { &of.on_windows(&quiet).residuals };
+    white(residuals, &context.floors)
+}
+
+/// Squares above noise.
+fn above(residuals: &Residuals, noise: &[Colour]) -> f64 {
+    let excess = |(runs, colour): (&Vec<Vec<f64>>, &Colour)| -> f64 {
+        let has_weight = colour.sigma > 0.0 && colour.sigma.is_finite();
+        if has_weight { runs.iter().flatten().map(|x| (x / colour.sigma).powi(2) - 1.0).sum() } else { 0.0 }
+    };
+    residuals.iter().zip(noise).map(excess).sum()
+}
+
+/// What is left of `without`, which is all of it where there is nothing.
+fn part(with: f64, without: f64) -> f64 {
+    if without > 0.0 { (with / without).max(0.0) } else { 1.0 }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
     use crate::identify::synthesis::{SHAKEN_PENDULUM, shaken_pendulum};
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = 0.004\n";
@@ -96,10 +236,32 @@ mod tests {
             Rig::parse(&SHAKEN_PENDULUM.replacen("[[recording]]", &format!("{DRAG}[[recording]]"), 1), "rig.toml")
                 .unwrap();
         let wrong = held_out.residuals(&dragged).unwrap();
-        let Confirmation { promised, gained } = Confirmation::of(&wrong, &truth, &[1e-6]);
+        let Confirmation { promised, gained, .. } = Confirmation::of(&wrong, &truth, &[1e-6]);
         assert!(promised > 400.0 && (gained / promised + 1.0).abs() < 0.1, "{promised} {gained}");
-        let Confirmation { promised, gained } = Confirmation::of(&truth, &wrong, &[1e-6]);
+        let Confirmation { promised, gained, .. } = Confirmation::of(&truth, &wrong, &[1e-6]);
         assert!((gained / promised - 1.0).abs() < 0.1, "the other way round: {promised} {gained}");
+    }
+
+    const PUSH: &str = "[[effect]]\neffect = \"external_push\"\nat = \"q1\"\nimpulse = ";
+
+    /// What a push at .6 s of so much promises and gains in windows of 1 s that were not fitted, if `happened` is the truth.
+    fn push(happened: &str, so_much: f64) -> Confirmation {
+        let Shown { context, problem } = shown(happened);
+        let with = problem.fitted(&format!("{PUSH}{so_much}\ntime = 0.6\n"), 10, &context);
+        let without = problem.fitted("", 10, &context);
+        let candidate = Candidate { only: Some("a.csv".into()), ..problem.candidate("external_push", "q1") };
+        Confirmation::of_candidate(&candidate, &with, &without, &context).unwrap()
+    }
+
+    #[test]
+    fn a_push_holds_in_its_own_recording_cut_at_other_instants_if_it_happened() {
+        let context = shown("").context;
+        let happened = push(&format!("{PUSH}0.01\ntime = 0.6\n"), 0.01);
+        assert!(!happened.refutes(2, &context) && happened.left < 0.1, "{happened}");
+        let other = push(&format!("{PUSH}-0.01\ntime = 0.6\n"), 0.01);
+        assert!(other.refutes(2, &context), "the other way round: {other}");
+        let nothing = push("", 0.01);
+        assert!(nothing.refutes(2, &context), "{nothing}");
     }
 
     #[test]

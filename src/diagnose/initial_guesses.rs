@@ -353,8 +353,10 @@ mod tests {
             motor_sensor: None,
             side: Side::Link,
         };
-        let line =
-            |hz: f64| Hit { at: (hz, 0.03), score: Score { gain: 1.0, amplitudes: vec![0.2], deviations: vec![0.1] } };
+        let line = |hz: f64| Hit {
+            at: (hz, 0.03),
+            score: Score { gain: 1.0, amplitudes: vec![0.2], shrunken: vec![0.2], deviations: vec![0.1] },
+        };
         start_at_other_lines(&mut mode, &[line(23.8), line(7.0)]);
         assert_eq!(mode.starts, [vec![2.0, 0.08, 0.003], vec![23.8, 0.03, 0.03], vec![23.8, 0.03, 0.1]]);
         start_at_other_lines(&mut mode, &[]);

@@ -7,12 +7,13 @@
 use crate::diagnose::answer_sets::member;
 use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::held_out::{Confirmation, HeldOut};
+use crate::diagnose::held_out::Confirmation;
+use crate::diagnose::instants::gain_beside_instants;
 use crate::diagnose::judge::accept::{is_admissible, strength_is_undetermined};
-use crate::diagnose::judge::criterion::{Context, explained_part};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::judge::numbers::MEMBER_GAIN;
-use crate::diagnose::judge::verdict::{Member, Seen, is_material, is_refuted};
+use crate::diagnose::judge::verdict::{Member, Seen, is_material};
 use crate::diagnose::likelihood::white;
 use crate::diagnose::residual_force::Unlisted;
 use crate::diagnose::sentence;
@@ -44,9 +45,22 @@ pub fn undetermined(added: &[SelectedEffect], seen: &[Seen], least: f64) -> Opti
 const TOO_SMALL: &str = "too small to matter";
 const UNDETERMINED: &str = "its 95 % interval reaches nothing";
 const REFUTED: &str = "recordings that were not fitted speak against it";
+const CHANCE: &str = "beside the others it gains no more than chance";
+const LATE: &str = "commands and readings are known to a row, and that explains it";
 
 /// As [`refit_without`] does it.
 const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
+
+/// An effect that is none.
+struct Refuted {
+    /// Which.
+    effect: usize,
+    /// What it gains where it was asked.
+    gained: f64,
+    /// The best model without it.
+    without: FittedModel,
+    why: &'static str,
+}
 
 /// What stays of a search, and what was only seen.
 #[derive(Clone, Debug)]
@@ -57,21 +71,13 @@ pub struct Kept {
     pub added: Vec<SelectedEffect>,
     /// What does not, in the order in which it was taken out.
     pub seen: Vec<Seen>,
-    /// Recordings that no fit saw, if there are any.
-    pub held_out: Option<HeldOut>,
 }
 
 impl Kept {
     /// Everything that was added.
     #[must_use]
     pub fn all(found: FittedModel, added: Vec<SelectedEffect>) -> Self {
-        Self { found, added, seen: Vec::new(), held_out: None }
-    }
-
-    /// The same, `held_out` to be asked as well.
-    #[must_use]
-    pub fn asking(self, held_out: Option<HeldOut>) -> Self {
-        Self { held_out, ..self }
+        Self { found, added, seen: Vec::new() }
     }
 
     /// Takes out, one by one, the effects whose strength is not told from nothing. Of two that share what they explain the first
@@ -92,28 +98,33 @@ impl Kept {
         self
     }
 
-    /// Takes out, the worst first, the effects that recordings kept back refute: what explains only what it was fitted to is no
-    /// explanation. An event lives in one recording and is not asked.
+    /// Takes out, the worst first, the effects that instants within their rows explain as well, and those that recordings kept
+    /// back refute: what explains only what it was fitted to is no explanation. An event lives in one recording; that one is
+    /// asked, cut at other instants.
     #[must_use]
     pub fn without_refuted(mut self, base: &FittedModel, context: &Context) -> Self {
-        while let Some((i, without)) = self.worst_refuted(base, context) {
-            self.take_out(i, without, REFUTED, context);
+        while let Some(Refuted { effect, without, why, .. }) = self.worst_refuted(base, context) {
+            self.take_out(effect, without, why, context);
         }
         self
     }
 
-    fn worst_refuted(&self, base: &FittedModel, context: &Context) -> Option<(usize, FittedModel)> {
-        let held_out = self.held_out.as_ref()?;
-        let lasting: Vec<usize> = (0..self.added.len()).filter(|i| self.added[*i].candidate.only.is_none()).collect();
-        let with = if lasting.is_empty() { None } else { held_out.residuals(&self.found.rig) }?;
-        let one = |i: usize| {
-            let without = self.without(i, base, context)?;
-            let told = Confirmation::of(&with, &held_out.residuals(&without.rig)?, &context.floors);
-            let numbers = self.added[i].candidate.keys.len();
-            is_refuted(told.promised, told.gained, numbers, context).then_some((i, told.gained, without))
+    fn worst_refuted(&self, base: &FittedModel, context: &Context) -> Option<Refuted> {
+        let one = |effect: usize| {
+            let (candidate, without) = (&self.added[effect].candidate, self.without(effect, base, context)?);
+            let numbers = candidate.keys.len();
+            let gain = compare(&self.found, &without, context).total;
+            let told = Confirmation::of_candidate(candidate, &self.found, &without, context);
+            if let Some(told) = told.filter(|told| told.refutes(numbers, context)) {
+                return Some(Refuted { effect, gained: told.gained, without, why: REFUTED });
+            }
+            let least = detection_threshold(context, numbers);
+            let only = candidate.only.as_deref();
+            let beside = gain_beside_instants(&without, &self.found, (gain, least), only, &context.floors);
+            let why = if gain > least { LATE } else { CHANCE };
+            (beside <= least).then_some(Refuted { effect, gained: beside, without, why })
         };
-        let worst = lasting.into_iter().filter_map(one).min_by(|a, b| a.1.total_cmp(&b.1));
-        worst.map(|(i, _, without)| (i, without))
+        (0..self.added.len()).filter_map(one).min_by(|a, b| a.gained.total_cmp(&b.gained))
     }
 
     /// Takes out, the least first, the effects that remove less than `least` of the misfit that is there without them.
@@ -198,8 +209,10 @@ impl Kept {
 mod tests {
     use super::*;
     use crate::diagnose::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::held_out::HeldOut;
     use crate::identify::experiment::{Experiment, Recording};
     use crate::model::rig::Use;
+    use std::sync::Arc;
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
     const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = ";
@@ -260,8 +273,8 @@ mod tests {
         let kept_back = Recording { usage: Use::Heldout, ..found.problem.recordings[0].clone() };
         let experiment = Experiment { rig: base.rig.clone(), recordings: vec![kept_back] };
         let added = problem.added("quadratic_drag", "q1", 1000.0, Vec::new());
-        let held_out = HeldOut::of(&experiment, &found.rig);
-        Kept::all(found, vec![added]).asking(held_out).without_refuted(&base, &context)
+        let held_out = HeldOut::of(&experiment, &found.rig).map(Arc::new);
+        Kept::all(found, vec![added]).without_refuted(&base, &Context { held_out, ..context })
     }
 
     #[test]

@@ -8,8 +8,8 @@
 //! 3. [`pairwise_exchange`], [`mod@exchange`], [`mod@converge_rivals`]: neighbours of the selected model, each kept if better.
 //! 4. [`residual_force`]: does a force without a name say more ([`free_curve`], [`change_point`])? Are all recordings of one
 //!    machine ([`pooling_test`])?
-//! 5. [`interest`]: what is too small to matter, not told from nothing, or refuted by recordings that were kept back
-//!    ([`held_out`]), is seen and not named.
+//! 5. [`interest`]: what is too small to matter, not told from nothing, explained by instants within their rows ([`instants`]), or
+//!    refuted where it was not fitted ([`held_out`]), is seen and not named.
 //! 6. [`validation`]: free runs on recordings that were never fitted; [`answer_sets`], [`localise`], [`laws`], [`sentence`],
 //!    [`tables`], [`headline`]: the answer in numbers, curves and words.
 //!
@@ -24,8 +24,9 @@
 //! | a further effect? | 2, 4 or 15 % of what those before it gained | [`judge::accept`] |
 //! | which of two? | 10 ahead; the simpler one with .95 of the gain | [`judge::exchange`], [`judge::simplicity`] |
 //! | what stands beside it? | within two deviations, or within the error of form | [`judge::credible_set`] |
-//! | nothing of the library? | a free force ahead of all that was listed | [`judge::nameless`] |
-//! | does it hold where it was not fitted? | .25 of what it promises on recordings kept back, if it promises more than chance | [`judge::verdict`], [`held_out`] |
+//! | nothing of the library? | a free force ahead of all that was listed, that predicts | [`judge::nameless`] |
+//! | or is it only late? | the same gain beside readings that are off by a row | [`judge::accept`], [`instants`] |
+//! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back; an event in its own, cut at other instants, where it leaves but noise; a force without a name whatever it promises | [`judge::verdict`], [`held_out`] |
 //! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
 //!
 //! Beside these rules stands one evidence, [`judge::evidence`]: a likelihood whose form is not exact, less what its numbers and the
@@ -69,6 +70,7 @@ pub mod identification;
 pub mod initial_guesses;
 pub mod initial_states;
 pub mod input_checks;
+pub mod instants;
 pub mod interest;
 pub mod judge;
 pub mod laws;

@@ -114,8 +114,7 @@ pub fn diagnose(
     let start = Start::of(experiment, options, &mut said)?;
     let selection = searched(experiment, &start, &mut said);
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
-    let held_out = HeldOut::of(experiment, &selection.found.rig);
-    let answer = finished(start.given.clone(), selection, (held_out, options), &start.context, &mut said);
+    let answer = finished(start.given.clone(), selection, options, &start.context, &mut said);
     let (clean, left_out) = cleaned(experiment, &answer.explained().rig);
     let mut warnings = warnings(experiment, start.dropped.max(left_out));
     warnings.extend(answer.warnings(experiment, cut_short, &start.context));
@@ -153,6 +152,7 @@ impl Start {
             floors,
             seed: options.seed,
             ledger: Ledger::default(),
+            held_out: HeldOut::of(experiment, &base.rig).map(Arc::new),
         };
         said(&format!("noise {:.3?}", base.noise));
         for (name, of) in estimates(&base) {
@@ -186,7 +186,7 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) 
 fn finished(
     given: FittedModel,
     selection: Selection,
-    (held_out, options): (Option<HeldOut>, Options),
+    options: Options,
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> Found {
@@ -203,9 +203,10 @@ fn finished(
     let found = settled(restart_along_ridges(found, context), context);
     said(&format!("last fit of the rivals, {}", spent(&found)));
     let (found, added) = converge_rivals(found, added, context);
-    let kept = Kept::all(found, added).asking(held_out).without_undetermined(&base, context);
-    let Kept { found, added, seen, held_out } = kept;
-    let undetermined_only = seen.len();
+    let kept = Kept::all(found, added).without_undetermined(&base, context);
+    let undetermined_only = kept.seen.len();
+    // Before what is left is asked: a name that is refuted does not answer for what it stood for.
+    let Kept { found, added, seen } = kept.without_refuted(&base, context);
     said(&format!("what is left, {}", spent(&found)));
     let strict = without_slow_noise(&base, context).or_else(|| as_leader_hears(&base, &added, &last, context));
     let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), context, said);
@@ -219,9 +220,8 @@ fn finished(
             (found, added, rest)
         }
     };
-    let kept = Kept { found, added, seen, held_out };
-    let Kept { found, added, mut seen, .. } =
-        kept.without_refuted(&base, context).of_interest(options.least_share, &base, context);
+    let kept = Kept { found, added, seen };
+    let Kept { found, added, mut seen, .. } = kept.of_interest(options.least_share, &base, context);
     // What recordings kept back refute is nothing, unless the base leaves what is no noise.
     let told = if is_misfit(&base.residuals, &context.floors) { seen.len() } else { undetermined_only };
     let rest = rest.or_else(|| undetermined(&added, &seen[..told], options.least_share));

@@ -5,19 +5,18 @@
 use crate::diagnose::change_point::ChangePoint;
 use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::free_curve::FreeCurve;
+use crate::diagnose::held_out::{Confirmation, cut_elsewhere, quiet_noise};
+use crate::diagnose::instants::FreeInstants;
 use crate::diagnose::judge::criterion::{Context, compare};
-use crate::diagnose::judge::flexibility::is_local_term;
 use crate::diagnose::judge::nameless::{Excess, asks_for_a_fit, beyond_chance, free_force_threshold, is_removed};
-use crate::diagnose::judge::numbers::LOCAL_TERMS;
 use crate::diagnose::judge::verdict::{Law, Member, Missing, Place};
 use crate::diagnose::laws::band_95;
 use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::linearise::ltv_windows;
 use crate::diagnose::ltv::LtvWindow;
-use crate::diagnose::scan::{Curve, Over, state_curve, time_curve, vibration};
-use crate::diagnose::score_test::ScoreTest;
+use crate::diagnose::scan::{Curve, Over, state_curve, time_curve, vibration, vibration_columns};
+use crate::diagnose::score_test::{Column, ScoreTest};
 use crate::diagnose::sentence;
-use crate::identify::floor::complaints;
 use crate::identify::noise::{Colour, loss};
 use crate::model::effect::EffectKind;
 use crate::model::rig::Rig;
@@ -34,8 +33,6 @@ pub struct Unlisted {
     pub places: Vec<Place>,
     /// Part of the misfit that it explains, where that is known.
     pub share: Option<f64>,
-    /// True if its force goes with time, not with the state.
-    pub over_time: bool,
     /// The joint with whose position its force goes, if it does.
     pub over_position_of: Option<usize>,
 }
@@ -49,7 +46,6 @@ impl Unlisted {
             laws: Vec::new(),
             places: Vec::new(),
             share: None,
-            over_time: false,
             over_position_of: None,
         }
     }
@@ -68,6 +64,64 @@ struct Pattern {
     numbers: usize,
     curve: Option<Curve>,
     interval: Option<(usize, f64, f64)>,
+    force: Force,
+}
+
+/// The force of a pattern, as it would act in other windows.
+enum Force {
+    /// Curves that add up.
+    Curves(Vec<Curve>),
+    /// Frequency, and the amplitudes of sine and cosine, recording by recording.
+    Vibration(f64, Vec<f64>),
+}
+
+impl Force {
+    /// What it does to readings.
+    fn response(&self, windows: &[LtvWindow], joint: usize) -> Column {
+        let parts: Vec<(f64, Column)> = match self {
+            Self::Curves(curves) => curves.iter().map(|curve| (1.0, curve.response(windows))).collect(),
+            Self::Vibration(hz, amplitudes) => {
+                let columns = vibration_columns(windows, joint, amplitudes.len() / 2, *hz);
+                amplitudes.iter().copied().zip(columns).collect()
+            }
+        };
+        let mut sum: Column = vec![Vec::new(); windows.len()];
+        for (amplitude, column) in parts {
+            for (sum, window) in sum.iter_mut().zip(column).filter(|(_, window)| !window.is_empty()) {
+                if sum.is_empty() {
+                    *sum = window.iter().map(|channel| vec![0.0; channel.len()]).collect();
+                }
+                let rows = sum.iter_mut().flatten().zip(window.iter().flatten());
+                rows.for_each(|(sum, x)| *sum += amplitude * x);
+            }
+        }
+        sum
+    }
+}
+
+/// True if `pattern`, a force that `of` lacks, is not borne out where it was not fitted. A force that goes with the state is asked
+/// of recordings that no fit saw; a vibration, and any force if there are none, of the same recordings cut at other instants; a
+/// force that acts at times of its own recording, where it must leave but noise. One that acts all the time and goes with time
+/// alone predicts nothing.
+fn is_refuted_elsewhere(of: &FittedModel, pattern: &Pattern, context: &Context, said: &mut dyn FnMut(&str)) -> bool {
+    let floors = &context.floors;
+    let event = pattern.interval.map(|(recording, ..)| of.problem.recordings[recording].name.clone());
+    if event.is_none() && pattern.is_over_time() && !pattern.is_sine() {
+        return true;
+    }
+    let other = match (context.held_out.as_ref().filter(|_| !pattern.is_over_time()), &event) {
+        (Some(held_out), _) => held_out.predicted_by(of, floors),
+        (None, Some(event)) => cut_elsewhere(of, |r| r.name == *event, floors),
+        (None, None) => cut_elsewhere(of, |_| true, floors),
+    };
+    let quiet = event.map(|event| quiet_noise(of, |r| r.name == event, context));
+    let told = other.and_then(|other| {
+        let addition = pattern.force.response(&ltv_windows(&other)?, pattern.joint);
+        Confirmation::of_addition(&other, &addition, quiet.as_deref(), floors)
+    });
+    let Some(told) = told else { return true };
+    said(&format!("   a force over {}, where it was not fitted: {told}", pattern.over));
+    !told.holds()
 }
 
 /// Most curves of the residual force that the report shows.
@@ -86,13 +140,12 @@ pub fn unexplained(
     said: &mut dyn FnMut(&str),
 ) -> Option<(Unlisted, bool)> {
     let listed: f64 = found.blocks(&base.noise).iter().sum::<f64>() - base.blocks(&base.noise).iter().sum::<f64>();
-    let is_rough = !complaints(&base.problem, &base.point, &base.noise).is_empty();
-    let threshold = free_force_threshold(context, is_rough);
-    let (force, on_base) = structure(base, true, said)?;
-    let excess = Excess { threshold, on_base, listed };
+    let threshold = free_force_threshold(context);
+    let on_base = structure(base, true, context, said)?;
+    let excess = Excess { threshold, on_base: on_base.excess, listed };
     let misfit = |h: &FittedModel| is_misfit(&h.residuals, &context.floors);
     if excess.counts()
-        && let Some(changed) = changed(found, base, (&force, excess), context, said)
+        && let Some(changed) = changed(found, base, (&on_base, excess), context, said)
     {
         return Some((changed, true));
     }
@@ -100,26 +153,26 @@ pub fn unexplained(
     said(&format!(
         "  ... listed effects gain {listed:.0} in the same measure, they remove {removed:.2} of the squares"
     ));
-    if local_terms(found, base) >= LOCAL_TERMS && excess.beats_local_terms() {
-        return Some((force, true));
-    }
+    let held = Excess { on_base: on_base.held(), ..excess };
+    let force = on_base.force.map(|(force, _)| force);
     if found.rig.effects.len() == base.rig.effects.len() {
-        return excess.counts().then_some((force, true));
+        return force.filter(|_| held.counts()).map(|force| (force, true));
     }
-    let left = structure(found, !misfit(found), said);
-    let asked = left.as_ref().filter(|(_, on_found)| asks_for_a_fit(*on_found)).and_then(|(u, _)| u.over_position_of);
+    let left = structure(found, !misfit(found), context, said);
+    let on_top = left.as_ref().and_then(|left| left.force.as_ref());
+    let asked = on_top.filter(|(_, on_found)| asks_for_a_fit(*on_found)).and_then(|(u, _)| u.over_position_of);
     if let Some(unlisted) = over_position(found, base, asked, context, said) {
         return Some((unlisted, true));
     }
-    let on_found = left.as_ref().map_or(0.0, |(_, on_found)| *on_found);
     // What is left may be the imperfect form of a right effect; where next to nothing is left, the listed say it all.
-    if is_removed(removed, force.over_time && misfit(base)) || excess.leaves_little(on_found) {
+    let on_found = left.as_ref().map_or(0.0, |left| left.excess);
+    if is_removed(removed) || excess.leaves_little(on_found) {
         return None;
     }
-    if excess.beats_listed() {
-        return Some((force, true));
+    if held.beats_listed() {
+        return Some((force?, true));
     }
-    left.filter(|_| excess.counts_on_top(on_found)).map(|(on_top, _)| (on_top, false))
+    left.and_then(|left| left.force).filter(|(_, on_found)| excess.counts_on_top(*on_found)).map(|(u, _)| (u, false))
 }
 
 /// Another machine from some instant of a recording on, if that says more than all that was found. `force`: on the base, with its
@@ -127,7 +180,7 @@ pub fn unexplained(
 fn changed(
     found: &FittedModel,
     base: &FittedModel,
-    (force, excess): (&Unlisted, Excess),
+    (on_base, excess): (&Structure, Excess),
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> Option<Unlisted> {
@@ -143,22 +196,21 @@ fn changed(
     }
     // Something that acts all the time may act a little more on one side of an instant than on the other: it is still there.
     let parts = [&changed.before, &changed.after];
-    let left: f64 = parts.into_iter().filter_map(|h| structure(h, true, said)).map(|(_, excess)| excess.max(0.0)).sum();
-    if !excess.leaves_little(left) {
+    let left: f64 =
+        parts.into_iter().filter_map(|h| structure(h, true, context, said)).map(|left| left.excess.max(0.0)).sum();
+    if !excess.leaves_little(left) || !changed.holds(base, context) {
         return None;
     }
     let changed = changed.nearby(base, context);
-    let at = force.entry.one_of.first().map_or("", |member| member.at.as_str());
-    let sentence = sentence::changed(at, (name, changed.from_s), &changed.numbers());
+    let numbers = changed.numbers();
+    // A machine of which no number is another one is the same.
+    if numbers.is_empty() {
+        return None;
+    }
+    let at = on_base.at.as_str();
+    let sentence = sentence::changed(at, (name, changed.from_s), &numbers);
     let places = base.rig.sensors.first().map(|s| changed.place(&s.column)).into_iter().collect();
-    Some(Unlisted {
-        entry: nameless(at, sentence),
-        places,
-        share: None,
-        over_time: true,
-        over_position_of: None,
-        ..force.clone()
-    })
+    Some(Unlisted { entry: nameless(at, sentence), places, share: None, over_position_of: None, laws: Vec::new() })
 }
 
 /// A free force over the position of `joint`, or of one at which a ripple was found, that says more than all that was found.
@@ -180,7 +232,8 @@ fn over_position(
     let ahead = compare(&curve.hypothesis, found, context).total;
     let at = base.rig.mechanism.coordinates()[joint];
     said(&format!("free force over the position of {at}, fitted: {ahead:.0} ahead of what was found"));
-    curve.says_more_than(found, base, context).then(|| {
+    let says_more = curve.says_more_than(found, base, context) && !refutes_curve(&curve, base, context, said);
+    says_more.then(|| {
         let part = 1.0 - energy(&curve.hypothesis, base) / energy(base, base);
         let sentence = sentence::unlisted(at, &format!("the position of {at}"), part.clamp(0.0, 1.0));
         Unlisted {
@@ -188,15 +241,20 @@ fn over_position(
             laws: vec![curve.law()],
             places: Vec::new(),
             share: Some(part),
-            over_time: false,
             over_position_of: Some(joint),
         }
     })
 }
 
-/// How many of the effects that `found` adds to `base` fit a piece of anything.
-fn local_terms(found: &FittedModel, base: &FittedModel) -> usize {
-    found.rig.effects[base.rig.effects.len()..].iter().filter(|e| is_local_term(&found.rig, e.kind)).count()
+/// True if recordings that no fit saw do not bear out a fitted curve.
+fn refutes_curve(curve: &FreeCurve, base: &FittedModel, context: &Context, said: &mut dyn FnMut(&str)) -> bool {
+    let residuals = |of: &FittedModel| context.held_out.as_ref()?.residuals(&of.rig);
+    let Some(without) = residuals(base) else { return false };
+    // What cannot run on what was kept back does not hold there.
+    let Some(with) = residuals(&curve.hypothesis) else { return true };
+    let told = Confirmation::of(&with, &without, &context.floors);
+    said(&format!("   on recordings kept back: {told}"));
+    !told.holds()
 }
 
 /// Squares of the residual in units of the spread that `base` leaves, outliers pulled in by the loss.
@@ -218,31 +276,58 @@ fn energy(of: &FittedModel, base: &FittedModel) -> f64 {
     of.residuals.iter().zip(&sizes).map(unit).sum::<f64>().max(1e-12)
 }
 
-/// The free force that explains most of what `of` leaves, and its gain beyond chance.
-fn structure(of: &FittedModel, with_time: bool, said: &mut dyn FnMut(&str)) -> Option<(Unlisted, f64)> {
+/// What a fit leaves that some force without a name would explain.
+struct Structure {
+    /// Gain of the best force beyond chance, whether it holds elsewhere or not.
+    excess: f64,
+    /// The joint at which that one acts.
+    at: String,
+    /// The best force that holds elsewhere, and its gain beyond chance.
+    force: Option<(Unlisted, f64)>,
+}
+
+impl Structure {
+    /// Gain beyond chance of the force that holds elsewhere.
+    fn held(&self) -> f64 {
+        self.force.as_ref().map_or(0.0, |(_, excess)| *excess)
+    }
+}
+
+/// The free forces that explain most of what `of` leaves.
+fn structure(of: &FittedModel, with_time: bool, context: &Context, said: &mut dyn FnMut(&str)) -> Option<Structure> {
     let windows = ltv_windows(of)?;
-    let screen = ScoreTest::new(&of.problem, &of.point, &of.noise)?;
+    let (runs, point) = FreeInstants::around(of);
+    let screen = ScoreTest::new(&runs, &point, &of.noise)?;
     let mut patterns = patterns(&of.rig, &screen, &windows);
     patterns.retain(|p| with_time || !p.is_over_time());
     patterns.sort_by(|a, b| excess(b).total_cmp(&excess(a)));
     let best = patterns.first()?;
-    // A sine says a force over time in a tenth of its numbers.
-    let sine = patterns.iter().find(|p| p.is_sine() && p.joint == best.joint && excess(p) > SINE * excess(best));
-    let told = sine.filter(|_| best.is_over_time()).unwrap_or(best);
     said(&format!("free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
-    let at = of.rig.mechanism.coordinates()[best.joint];
+    let name = |p: &Pattern| of.rig.mechanism.coordinates()[p.joint].to_owned();
+    // What is too little to count says how little is left, and is not asked.
+    let asked = |p: &&Pattern| excess(p) > free_force_threshold(context);
+    let held = patterns.iter().take_while(asked).find(|p| !is_refuted_elsewhere(of, p, context, said));
+    let force = held.map(|p| (unlisted(of, p, &patterns), excess(p)));
+    Some(Structure { excess: excess(best), at: name(best), force })
+}
+
+/// The answer that a force is, with curves of it and of others.
+fn unlisted(of: &FittedModel, told: &Pattern, patterns: &[Pattern]) -> Unlisted {
+    let at = of.rig.mechanism.coordinates()[told.joint];
     let share = share(of, told);
-    let sentence = sentence::unlisted(at, &told.over, share);
-    let entry = nameless(at, sentence);
     let mut laws: Vec<Law> = Vec::new();
     for law in patterns.iter().filter_map(|p| p.curve.as_ref()).map(|c| law(of, c)) {
         if laws.len() < SHOWN && laws.iter().all(|l| l.title != law.title) {
             laws.push(law);
         }
     }
-    let (over_time, over_position_of) = (best.is_over_time(), best.is_over_position().then_some(best.joint));
-    let places = located(of, best);
-    Some((Unlisted { entry, laws, places, share: Some(share), over_time, over_position_of }, excess(best)))
+    Unlisted {
+        entry: nameless(at, sentence::unlisted(at, &told.over, share)),
+        laws,
+        places: located(of, told),
+        share: Some(share),
+        over_position_of: told.is_over_position().then_some(told.joint),
+    }
 }
 
 impl Pattern {
@@ -259,9 +344,6 @@ impl Pattern {
         self.curve.as_ref().is_none_or(|c| c.over == Over::Time)
     }
 }
-
-/// Part of what a free force over time explains from which a sine is the word for it.
-const SINE: f64 = 0.5;
 
 /// Gain beyond what its numbers bring by chance.
 fn excess(p: &Pattern) -> f64 {
@@ -290,13 +372,14 @@ fn patterns(rig: &Rig, screen: &ScoreTest, windows: &[LtvWindow]) -> Vec<Pattern
                     over: format!("the {what} of {name}"),
                     gain: curve.score.gain,
                     numbers: curve.knots.len(),
-                    curve: Some(curve),
+                    curve: Some(curve.clone()),
                     interval: None,
+                    force: Force::Curves(vec![curve]),
                 }));
             }
         }
         out.extend(vibration_pattern(screen, windows, joint));
-        out.extend(time_pattern(screen, windows, joint));
+        out.extend(time_patterns(screen, windows, joint));
     }
     out
 }
@@ -314,18 +397,28 @@ fn vibration_pattern(screen: &ScoreTest, windows: &[LtvWindow], joint: usize) ->
         numbers: hit.score.amplitudes.len() + 6,
         curve: None,
         interval: None,
+        force: Force::Vibration(hit.at, hit.score.amplitudes),
     })
 }
 
-/// Force over time, all recordings together; the interval is where most of it acts.
-fn time_pattern(screen: &ScoreTest, windows: &[LtvWindow], joint: usize) -> Option<Pattern> {
-    let recordings = windows.iter().map(|w| w.recording).max()? + 1;
+/// Force over time: of all recordings together, and of the one in which most of it acts, if it acts in a part of that.
+fn time_patterns(screen: &ScoreTest, windows: &[LtvWindow], joint: usize) -> Vec<Pattern> {
+    let recordings = windows.iter().map(|w| w.recording).max().map_or(0, |last| last + 1);
     let curves: Vec<Curve> = (0..recordings).filter_map(|r| time_curve(screen, windows, joint, r, 0.15)).collect();
-    let gain = curves.iter().map(|c| c.score.gain).sum();
-    let numbers = curves.iter().map(|c| c.knots.len()).sum();
-    let best = curves.into_iter().max_by(|a, b| a.score.gain.total_cmp(&b.score.gain))?;
-    let interval = if best.score.gain > 0.6 * gain { busy(&best) } else { None };
-    Some(Pattern { joint, over: "time".into(), gain, numbers, interval, curve: Some(best) })
+    let Some(most) = curves.iter().max_by(|a, b| a.score.gain.total_cmp(&b.score.gain)).cloned() else {
+        return Vec::new();
+    };
+    let pattern = |curves: Vec<Curve>, interval: Option<(usize, f64, f64)>| Pattern {
+        joint,
+        over: "time".into(),
+        gain: curves.iter().map(|c| c.score.gain).sum(),
+        numbers: curves.iter().map(|c| c.knots.len()).sum(),
+        interval,
+        curve: Some(most.clone()),
+        force: Force::Curves(curves),
+    };
+    let event = busy(&most).map(|interval| pattern(vec![most.clone()], Some(interval)));
+    event.into_iter().chain([pattern(curves, None)]).collect()
 }
 
 /// The part of a recording in which nearly all of a force over time acts, if it is a part.

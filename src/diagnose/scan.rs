@@ -140,6 +140,28 @@ pub fn state_curve(screen: &ScoreTest, windows: &[LtvWindow], joint: usize, over
     Some(Curve { over, joint, recording: None, score: screen.score(&columns), knots })
 }
 
+impl Curve {
+    /// What this force does to readings, of these recordings or of others.
+    #[must_use]
+    pub fn response(&self, windows: &[LtvWindow]) -> Column {
+        let (first, last) = (self.knots[0], self.knots[self.knots.len() - 1]);
+        let force = |x: f64| -> f64 {
+            let x = x.clamp(first, last);
+            self.score.shrunken.iter().enumerate().map(|(i, a)| a * hat(&self.knots, i, x)).sum()
+        };
+        let abscissa = |w: &LtvWindow, k: usize| match self.over {
+            Over::Angle => w.states[k][self.joint],
+            Over::Rate => w.states[k][w.states[k].len() / 2 + self.joint],
+            Over::Time => w.t_s[k],
+        };
+        let acts = |w: &LtvWindow| self.recording.is_none_or(|r| r == w.recording);
+        let of = |w: &LtvWindow| {
+            if acts(w) { w.respond(self.joint, |k| force(abscissa(w, k))) } else { Vec::new() }
+        };
+        windows.iter().map(of).collect()
+    }
+}
+
 /// The free force curve at `joint` over the time of one recording, one knot every `knot_s`.
 #[must_use]
 pub fn time_curve(
@@ -173,16 +195,17 @@ pub fn time_curve(
 #[must_use]
 pub fn vibration(screen: &ScoreTest, windows: &[LtvWindow], joint: usize, hz: &[f64]) -> Option<Hit<f64>> {
     let recordings = windows.iter().map(|w| w.recording).max()? + 1;
-    let one = |f: &f64| {
-        let mut columns = Vec::new();
-        for recording in 0..recordings {
-            for shift in [0.0, std::f64::consts::FRAC_PI_2] {
-                columns.push(vibration_column(windows, joint, recording, *f, shift));
-            }
-        }
-        Hit { at: *f, score: screen.score(&columns) }
-    };
+    let one = |f: &f64| Hit { at: *f, score: screen.score(&vibration_columns(windows, joint, recordings, *f)) };
     best(hz.par_iter().map(one).collect())
+}
+
+/// A force at `joint` that oscillates with time: sine and cosine, recording by recording.
+#[must_use]
+pub fn vibration_columns(windows: &[LtvWindow], joint: usize, recordings: usize, hz: f64) -> Vec<Column> {
+    let both = |recording: usize| {
+        [0.0, std::f64::consts::FRAC_PI_2].map(|shift| vibration_column(windows, joint, recording, hz, shift))
+    };
+    (0..recordings).flat_map(both).collect()
 }
 
 fn vibration_column(windows: &[LtvWindow], joint: usize, recording: usize, hz: f64, shift: f64) -> Column {

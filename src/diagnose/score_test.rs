@@ -55,6 +55,9 @@ pub struct Score {
     pub gain: f64,
     /// Best amplitude of each column, as an addition to the simulation.
     pub amplitudes: Vec<f64>,
+    /// The same of columns that are known beforehand to be about as large as the best determined of them: what the recordings do
+    /// not tell is nothing then, not anything.
+    pub shrunken: Vec<f64>,
     /// Standard deviation of each amplitude for unit innovations.
     pub deviations: Vec<f64>,
 }
@@ -153,10 +156,11 @@ impl ScoreTest {
     #[must_use]
     pub fn score_beside(&self, columns: &[Column], own: &[Own]) -> Score {
         let n = columns.len();
-        let Projected { inverse, gradient, apart, .. } = self.projected(columns, own);
+        let Projected { inverse, normal, gradient, apart } = self.projected(columns, own);
         let amplitudes = -(&inverse * &gradient);
         Score {
             gain: apart - amplitudes.dot(&gradient),
+            shrunken: shrunken(&normal, &gradient, &amplitudes).iter().copied().collect(),
             deviations: (0..n).map(|i| libm::sqrt(inverse[(i, i)].max(0.0))).collect(),
             amplitudes: amplitudes.iter().copied().collect(),
         }
@@ -171,6 +175,14 @@ impl ScoreTest {
         at.extend(bounded_minimum(&normal, &gradient, bounds));
         let at = DVector::from_vec(at);
         apart - (2.0 * gradient.dot(&at) + at.dot(&(&normal * &at)))
+    }
+
+    /// Squares of `column` as it is, what everything else mimics taken out of it, and the fall of the sum of squares if the
+    /// simulation moved by it: as much where it is the truth.
+    #[must_use]
+    pub fn as_it_is(&self, column: &Column) -> (f64, f64) {
+        let Projected { normal, gradient, .. } = self.projected(std::slice::from_ref(column), &[]);
+        (normal[(0, 0)], -2.0 * gradient[0] - normal[(0, 0)])
     }
 
     /// Normal equations of `columns` with all base parameters, initial states and `own` responses projected out.
@@ -348,6 +360,19 @@ struct Projected {
     gradient: DVector<f64>,
     /// Fall of the sum of squares without any of the columns.
     apart: f64,
+}
+
+/// Minimum of the quadratic beside a prior that each amplitude is as large as `amplitudes` are in the mean, weighed by what is known
+/// of each (ridge regression, Hoerl and Kennard 1970).
+fn shrunken(normal: &DMatrix<f64>, gradient: &DVector<f64>, amplitudes: &DVector<f64>) -> DVector<f64> {
+    let n = amplitudes.len();
+    let known = normal.diagonal();
+    let size = amplitudes.component_mul(amplitudes).dot(&known) / known.sum();
+    if n < 2 || !(size > 0.0 && size.is_finite()) {
+        return amplitudes.clone();
+    }
+    let prior = DMatrix::from_diagonal_element(n, n, 1.0 / size);
+    (normal + prior).cholesky().map_or_else(|| amplitudes.clone(), |c| -c.solve(gradient))
 }
 
 /// The amplitudes beside the first (which is 1) that minimise the quadratic within their bounds: what would leave is

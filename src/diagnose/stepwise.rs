@@ -11,7 +11,7 @@ use crate::diagnose::candidates::Candidate;
 use crate::diagnose::cross_validation::LeaveOneRecordingOut;
 use crate::diagnose::exchange::exchange_near_rivals;
 use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::judge::accept::{is_accepted, is_admissible, is_piece_of_vibration};
+use crate::diagnose::judge::accept::{is_accepted, is_admissible};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::exchange::only_freed_the_fit;
 use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here};
@@ -296,7 +296,6 @@ impl<'s> Search<'s> {
                 left_out.and_then(|l| l.cross_validated_gain_ratio(&trial.hypothesis, &context.floors))
             };
             !has_unresolved_order(now, trial, all, context)
-                && !is_piece_of_vibration(trial, all, context)
                 && is_accepted(now, (trial, all), self.explained, kept, context, said)
         })
     }

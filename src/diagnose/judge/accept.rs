@@ -8,11 +8,13 @@ use super::evidence::{Comparison, Evidence};
 use super::flexibility::is_overly_flexible;
 use super::numbers::{
     AT_BOUND, BEYOND_DOUBT, FURTHER, FURTHER_ALONE, FURTHER_IN_MISFIT, KEPT, KEPT_OF_MUCH, LEAST_SWINGS, MUCH, NEARLY,
-    NOTICED_PER_SAMPLE, SHAKEN, SINGLE_EVENT, STRENGTH_DEVIATIONS,
+    NOTICED_PER_SAMPLE, STRENGTH_DEVIATIONS,
 };
 use crate::diagnose::candidate_fit::CandidateFit;
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::held_out::Confirmation;
+use crate::diagnose::instants::gain_beside_instants;
 use crate::diagnose::likelihood::{Difference, is_misfit};
 use crate::diagnose::state_continuity::is_externally_driven;
 use crate::diagnose::tables::estimates;
@@ -48,7 +50,7 @@ fn explains_enough(
     let noticed = !misfit || trial.gain > NOTICED_PER_SAMPLE * context.samples as f64;
     let admitted = noticed && !is_overly_flexible(base, trial, context);
     trial.gain > detection_threshold(context, trial.candidate.keys.len())
-        && is_significant(&trial.candidate, trial.gain, sure, context)
+        && is_significant(&trial.candidate, sure)
         && share
         && admitted
         && !is_at_zero(trial)
@@ -69,25 +71,9 @@ pub fn is_admissible(of: &FittedModel, e: usize, context: &Context) -> bool {
 }
 
 /// True if the gain is no chance of which blocks of the recordings there are. A single event is in one of them: all of its
-/// gain, or none, is in a sample of blocks, which says nothing; it must gain more instead.
-pub fn is_significant(candidate: &Candidate, gain: f64, sure: Difference, context: &Context) -> bool {
-    let single = candidate.only.is_some() && gain > SINGLE_EVENT * detection_threshold(context, candidate.keys.len());
-    sure.low > 0.0 || single && sure.total > 0.0
-}
-
-/// True for a single event where a resonance that is none ([`is_admissible`]) gains far more: something shakes the machine, and a push
-/// fits a piece of that.
-#[must_use]
-pub fn is_piece_of_vibration(trial: &CandidateFit, all: &[CandidateFit], context: &Context) -> bool {
-    let far = |t: &CandidateFit| {
-        t.gain - trial.gain > (SHAKEN * trial.gain).max(detection_threshold(context, t.candidate.keys.len()))
-    };
-    let rings = |t: &CandidateFit| {
-        let effects = &t.hypothesis.rig.effects;
-        effects.last().is_some_and(|e| e.get("frequency").is_some())
-            && !is_admissible(&t.hypothesis, effects.len() - 1, context)
-    };
-    trial.candidate.only.is_some() && all.iter().any(|t| rings(t) && far(t))
+/// gain, or none, is in a sample of blocks, which says nothing; its own recording is asked instead ([`Confirmation`]).
+pub fn is_significant(candidate: &Candidate, sure: Difference) -> bool {
+    sure.low > 0.0 || candidate.only.is_some() && sure.total > 0.0
 }
 
 /// A number at the edge of the range in which it was sought was not found (the design's "no bound hit"): a resonance
@@ -143,6 +129,17 @@ fn obeys_the_rules(
     }
     let effect = trial.candidate.effect;
     let threshold = detection_threshold(context, trial.candidate.keys.len());
+    let beside = gain_beside_instants(
+        now,
+        &trial.hypothesis,
+        (trial.gain, threshold),
+        trial.candidate.only.as_deref(),
+        &context.floors,
+    );
+    said(&format!("   {effect} gains {:.0}, {beside:.0} beside instants that are known to a row", trial.gain));
+    if beside <= threshold {
+        return false;
+    }
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
     // A strength that a base parameter shares is uncertain; that it is none is not, with a gain like this.
     let beyond_doubt = !misfit && trial.gain > BEYOND_DOUBT * threshold;
@@ -150,6 +147,15 @@ fn obeys_the_rules(
     if !beyond_doubt && strength_is_undetermined(&trial.hypothesis.clone().with_intervals(), last) {
         said(&format!("   {effect} is not two deviations from nothing"));
         return false;
+    }
+    // What lasts is asked in company, at the end: while another effect is missing the first bends to the recordings it is fitted to.
+    let event = trial.candidate.only.as_ref();
+    let told = event.and_then(|_| Confirmation::of_candidate(&trial.candidate, &trial.hypothesis, now, context));
+    if let Some(told) = told {
+        said(&format!("   {effect}, in its recording cut elsewhere: {told}"));
+        if told.refutes(trial.candidate.keys.len(), context) {
+            return false;
+        }
     }
     let Some(kept) = kept() else { return true };
     said(&format!("   {effect} keeps {kept:.2} of its gain on recordings left out"));
@@ -189,33 +195,6 @@ pub fn has_slack_spring(rig: &Rig, given: usize, window_s: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::judge::evidence::Ledger;
-    use crate::diagnose::judge::worked::trial;
-
-    #[test]
-    fn a_push_is_no_piece_of_a_vibration() {
-        let context = Context {
-            floors: vec![1e-3],
-            samples: 1000,
-            given: 0,
-            is_trapped: false,
-            seed: 1,
-            ledger: Ledger::default(),
-        };
-        let mut push = trial("external_push", 2, 400.0);
-        push.candidate.only = Some("a.csv".into());
-        let ringing = |push: &CandidateFit, damping: f64, gain: f64| {
-            let mut trial = trial("link_flexibility", 3, gain);
-            let values = [3.0, damping, 0.1].map(|x| Value::free(x, 0.002, 60.0)).to_vec();
-            trial.hypothesis.rig.effects.push(Effect::new(EffectKind::LinkFlexibility, "q1", values));
-            [trial, push.clone()]
-        };
-        assert!(is_piece_of_vibration(&push, &ringing(&push, 0.002, 900.0), &context), "undamped and far ahead");
-        assert!(!is_piece_of_vibration(&push, &ringing(&push, 0.05, 900.0), &context), "a mode of the link may be one");
-        assert!(!is_piece_of_vibration(&push, &ringing(&push, 0.002, 450.0), &context), "no farther than chance");
-        push.candidate.only = None;
-        assert!(!is_piece_of_vibration(&push, &ringing(&push, 0.002, 900.0), &context), "no single event");
-    }
 
     #[test]
     fn a_memory_at_the_end_of_its_range_was_not_found_but_none_is_none() {

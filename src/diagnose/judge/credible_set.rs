@@ -9,6 +9,7 @@ use super::numbers::{APART, FORM, FORM_AT_MOST, FORM_IN_MISFIT, LEAST_WEIGHT, ME
 use super::simplicity::LIMITS_OF;
 use crate::diagnose::candidate_fit::CandidateFit;
 use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::held_out::Confirmation;
 use crate::diagnose::likelihood::{Difference, is_misfit};
 use crate::model::rig::Effect;
 
@@ -48,7 +49,9 @@ pub fn weight_in_set(
             evidence,
         });
     }
-    is_member.then(|| weight(lead, gain))
+    let told = || Confirmation::of_candidate(&trial.candidate, winner, &trial.hypothesis, context);
+    let is_behind_elsewhere = is_member && told().is_some_and(|told| told.bears_out(context));
+    (is_member && !is_behind_elsewhere).then(|| weight(lead, gain))
 }
 
 /// True if a winner whose effect gained `gain` is not told from a rival by its `lead`. `exact`: it leaves but noise; `events`: both

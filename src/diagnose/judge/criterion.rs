@@ -5,7 +5,9 @@
 use super::evidence::Ledger;
 use super::numbers::{LEAST_GAIN, LEAST_GAIN_PER_SAMPLE, LEAST_PROMISE};
 use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::held_out::HeldOut;
 use crate::diagnose::likelihood::{Difference, difference};
+use std::sync::Arc;
 
 /// What every comparison needs to know of the case.
 #[derive(Clone, Debug)]
@@ -22,6 +24,8 @@ pub struct Context {
     pub seed: u64,
     /// What was compared, for `--trace`.
     pub ledger: Ledger,
+    /// Recordings that no fit saw, if there are any.
+    pub held_out: Option<Arc<HeldOut>>,
 }
 
 /// Rise of twice the log-likelihood from which `numbers` more numbers are worth calling a mismatch: a penalised likelihood
@@ -60,7 +64,15 @@ mod tests {
     use super::*;
 
     fn context(samples: usize, is_trapped: bool) -> Context {
-        Context { floors: vec![1e-3], samples, given: 0, is_trapped, seed: 1, ledger: Ledger::default() }
+        Context {
+            floors: vec![1e-3],
+            samples,
+            given: 0,
+            is_trapped,
+            seed: 1,
+            ledger: Ledger::default(),
+            held_out: None,
+        }
     }
 
     #[test]

@@ -4,8 +4,8 @@
 
 use super::criterion::{Context, compare, detection_threshold};
 use super::numbers::{
-    AHEAD, AHEAD_OF_LISTED, AHEAD_OF_LISTED_BY, AHEAD_OF_LOCAL, CHANCE_PER_NUMBER, FREE_FORCE, FREE_FORCE_PER_SAMPLE,
-    HINT, ON_TOP, REMOVED, REMOVED_OF_SMOOTH, RIPPLES_PER_NUMBER, ROUGH, STRUCTURE_LEFT,
+    AHEAD, AHEAD_OF_LISTED, AHEAD_OF_LISTED_BY, CHANCE_PER_NUMBER, FREE_FORCE, FREE_FORCE_PER_SAMPLE, HINT, ON_TOP,
+    REMOVED, RIPPLES_PER_NUMBER, STRUCTURE_LEFT,
 };
 use crate::diagnose::fitted_model::FittedModel;
 
@@ -20,12 +20,10 @@ pub struct Excess {
     pub listed: f64,
 }
 
-/// Excess of a free force that counts. `is_rough`: shorter steps of the simulation change as much as the noise does, which bends
-/// the runs of a healthy machine.
+/// Excess of a free force that counts.
 #[must_use]
-pub fn free_force_threshold(context: &Context, is_rough: bool) -> f64 {
-    let threshold = (FREE_FORCE_PER_SAMPLE * context.samples as f64).max(FREE_FORCE);
-    if is_rough { ROUGH * threshold } else { threshold }
+pub fn free_force_threshold(context: &Context) -> f64 {
+    (FREE_FORCE_PER_SAMPLE * context.samples as f64).max(FREE_FORCE)
 }
 
 /// Gain of a free force of so many numbers beyond what they bring by chance.
@@ -47,12 +45,6 @@ impl Excess {
         self.on_base > self.threshold
     }
 
-    /// True if the force says more than listed effects that fit a piece of anything.
-    #[must_use]
-    pub fn beats_local_terms(&self) -> bool {
-        self.on_base > self.threshold.max(AHEAD_OF_LOCAL * self.listed)
-    }
-
     /// True if the force says more than any listed effects.
     #[must_use]
     pub fn beats_listed(&self) -> bool {
@@ -72,11 +64,10 @@ impl Excess {
     }
 }
 
-/// True if the listed effects remove so much of all squares that what is left is the finish of their form. A force over time
-/// explains any smooth misfit; a listed effect that removes a good part of that says more.
+/// True if the listed effects remove so much of all squares that what is left is the finish of their form.
 #[must_use]
-pub fn is_removed(part: f64, over_time_and_smooth: bool) -> bool {
-    part >= if over_time_and_smooth { REMOVED_OF_SMOOTH } else { REMOVED }
+pub fn is_removed(part: f64) -> bool {
+    part >= REMOVED
 }
 
 /// True if a change of the machine with so many numbers is ahead of the listed effects, which gained `listed`.
@@ -112,30 +103,32 @@ mod tests {
     use crate::diagnose::judge::evidence::Ledger;
 
     fn context(samples: usize) -> Context {
-        Context { floors: vec![1e-3], samples, given: 0, is_trapped: false, seed: 1, ledger: Ledger::default() }
+        Context {
+            floors: vec![1e-3],
+            samples,
+            given: 0,
+            is_trapped: false,
+            seed: 1,
+            ledger: Ledger::default(),
+            held_out: None,
+        }
     }
 
     #[test]
-    fn a_force_counts_beyond_chance_and_later_where_the_simulation_is_rough() {
+    fn a_force_counts_beyond_chance_and_in_many_samples_by_sample() {
         assert!((beyond_chance(100.0, 10) - 70.0).abs() < 1e-12);
-        let of = |rough| free_force_threshold(&context(1000), rough);
-        assert!((of(false) - FREE_FORCE).abs() < 1e-12 && (of(true) - 3.0 * FREE_FORCE).abs() < 1e-12);
-        assert!((free_force_threshold(&context(100_000), false) - 1500.0).abs() < 1e-9);
+        assert!((free_force_threshold(&context(1000)) - FREE_FORCE).abs() < 1e-12);
+        assert!((free_force_threshold(&context(100_000)) - 1500.0).abs() < 1e-9);
     }
 
     #[test]
     fn a_free_force_must_say_more_than_what_was_named() {
         let of = |on_base, listed| Excess { threshold: 80.0, on_base, listed };
         assert!(!of(79.0, 0.0).counts() && of(81.0, 0.0).counts());
-        assert!(of(800.0, 1000.0).beats_local_terms() && !of(800.0, 1000.0).beats_listed());
+        assert!(!of(800.0, 1000.0).beats_listed());
         assert!(of(1320.0, 1000.0).beats_listed() && !of(1300.0, 1000.0).beats_listed());
         assert!(of(0.0, 1000.0).counts_on_top(310.0) && !of(0.0, 1000.0).counts_on_top(290.0));
         assert!(of(1000.0, 0.0).leaves_little(140.0) && !of(1000.0, 0.0).leaves_little(160.0));
-    }
-
-    #[test]
-    fn less_needs_to_be_removed_where_a_force_over_time_would_explain_anything() {
-        assert!(is_removed(0.5, true) && !is_removed(0.5, false) && is_removed(0.8, false));
     }
 
     #[test]

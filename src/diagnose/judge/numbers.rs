@@ -20,9 +20,6 @@ pub const OCCAM_WINDOW: f64 = 5.991_464_547_107_98;
 /// Part of the threshold below which the best promise of a linear step is not worth a round of fits. *Argued:* a step promises a
 /// half at least of what a fit brings where the law is not bent.
 pub const LEAST_PROMISE: f64 = 0.4;
-/// Gain of a single event (a push, a jump) in thresholds where the bootstrap over blocks cannot bear it out. *Argued:* it is in one
-/// block, so that a third of all resamples lack it.
-pub const SINGLE_EVENT: f64 = 1.5;
 /// Gain in thresholds from which a strength that shares its information with the base is believed all the same. *Argued.*
 pub const BEYOND_DOUBT: f64 = 5.0;
 /// Gain in thresholds that no healthy machine shows. *Measured:* theirs stay below a third of it.
@@ -59,8 +56,6 @@ pub const PERIODS: f64 = 0.75;
 pub const UNRESOLVED: f64 = 0.5;
 /// Part of the richer effect's gain that is enough for the simpler one that is its limit. *Argued.*
 pub const SIMPLER: f64 = 0.95;
-/// Lead in parts of an event's gain by which a mode that something shakes disproves the event. *Tuned.*
-pub const SHAKEN: f64 = 0.25;
 /// Effects that fit a piece of anything, from which on they are a poor man's free curve. *Argued.*
 pub const LOCAL_TERMS: usize = 2;
 
@@ -80,6 +75,9 @@ pub const KEPT: f64 = 0.25;
 pub const KEPT_OF_MUCH: f64 = 0.15;
 /// See [`KEPT_OF_MUCH`].
 pub const MUCH: f64 = 30.0;
+
+/// Rows by which the instant of a reading may be off. *By definition:* it stands at the nearest row.
+pub const HALF_A_ROW: f64 = 0.5;
 
 // Sets of effects that the data do not tell apart.
 
@@ -108,15 +106,11 @@ pub const LEAST_WEIGHT: f64 = 0.02;
 pub const FREE_FORCE: f64 = 80.0;
 /// The same per sample. *Argued:* under the base's own noise most of a mismatch passes for colour.
 pub const FREE_FORCE_PER_SAMPLE: f64 = 0.015;
-/// Times that where the simulation's own steps are as rough as the noise. *Tuned* on a healthy walker.
-pub const ROUGH: f64 = 3.0;
 /// Gain of a free force per number that is chance. *Argued:* three times its expectation.
 pub const CHANCE_PER_NUMBER: f64 = 3.0;
 /// Excess of a curve over position beside the listed effects from which a free force is fitted in their place. *Argued.*
 pub const HINT: f64 = 50.0;
-/// Part of the listed gain by which a free force is ahead of two effects of [`LOCAL_TERMS`]. *Tuned.*
-pub const AHEAD_OF_LOCAL: f64 = 0.7;
-/// The same for effects that are none of those. *Tuned.*
+/// Part of the listed gain by which a free force is ahead of what was listed. *Tuned.*
 pub const AHEAD_OF_LISTED: f64 = 1.25;
 /// See [`AHEAD_OF_LISTED`]: besides, in twice the log-likelihood.
 pub const AHEAD_OF_LISTED_BY: f64 = 60.0;
@@ -126,8 +120,6 @@ pub const ON_TOP: f64 = 0.3;
 pub const STRUCTURE_LEFT: f64 = 0.15;
 /// Part of all squares that the listed effects remove when they are the explanation. *Argued.*
 pub const REMOVED: f64 = 0.8;
-/// The same against a force over time where the misfit is smooth. *Argued.*
-pub const REMOVED_OF_SMOOTH: f64 = 0.4;
 /// Part of the listed gain by which a change of the machine, or a fitted force over position, is ahead. *Argued:* no form is exact.
 pub const AHEAD: f64 = 0.1;
 /// Gain per number of a fitted force over position beside several ripples. *Argued:* twice what chance brings.

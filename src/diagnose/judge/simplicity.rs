@@ -66,6 +66,7 @@ mod tests {
             is_trapped: false,
             seed: 1,
             ledger: Ledger::default(),
+            held_out: None,
         };
         order_by_penalised_gain(&mut trials, &context);
         trials.iter().map(|t| t.candidate.effect).collect()
