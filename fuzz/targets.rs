@@ -7,7 +7,7 @@
 use compass::base::time::{Span, Stamp};
 use compass::bus::line::Line;
 use compass::config;
-use compass::config::checked::{Config, Imu, ImuProtocol, Mocap, MocapSource};
+use compass::config::checked::{Config, Imu, ImuProtocol, Lidar, Mocap, MocapSource};
 use compass::identify::experiment::Table;
 use compass::model::rig::Rig;
 use compass::msg::{
@@ -17,6 +17,7 @@ use compass::record::live::{Block, Parser, tick_of};
 use compass::record::scan::Scan;
 use compass::record::stream::{Assembled, Assembly, Stream};
 use compass::sensor::imu::ImuReader;
+use compass::sensor::lidar::LidarReader;
 use compass::sensor::mocap::MocapReader;
 use compass::sensor::natnet::{self, Version};
 use compass::sensor::operator::remote::packet::Key;
@@ -55,6 +56,14 @@ pub const TARGETS: &[Target] = &[
     ("remote", remote, &[b"CGR1\x01", b"CGR1\x03"]),
     ("watch_socket", watch_socket, &[b"COMPASS1\0\0\0\0\0\0\0\0\x02\0\0\0ab\x05\0\0\0\0"]),
     ("scip", scanner, &[b"MD0000108001000\n99b\n0000@\n", b"PP\n00P\nDMIN:23;7\n\n"]),
+    (
+        "lidar_dialogue",
+        lidar_dialogue,
+        &[
+            &[120, 0x80, 1, 0x80, 1, 0xFF, 1, 0x80, 1, 0x84, b'0', b'0', b'0', b'@'],
+            b"\x01\x36MD0000108001000\n99b\n0000@\n0C?0C?0C?0C?0C?0C?0C?0C?0C?n\n\n",
+        ],
+    ),
     ("natnet", natnet_frame, &[b"\x07\0\x04\0\x01\0\0\0"]),
     ("vicon", vicon_block, &[&[1, 0, 0, 0, 1, 0, 72, 0]]),
 ];
@@ -240,6 +249,56 @@ pub fn scanner(bytes: &[u8]) {
     }
     assert!(!parameters.is_sound() || parameters.angle_rad(parameters.last).is_finite());
     assert!(reader.scan().count <= scip::STEPS);
+}
+
+/// What a sound UTM-30LX-EW says of itself; the check of each line follows.
+const SCANNER: [&str; 8] = [
+    "MODL:UTM-30LX-EW",
+    "DMIN:23",
+    "DMAX:60000",
+    "ARES:1440",
+    "AMIN:0",
+    "AMAX:1080",
+    "AFRT:540",
+    "SCAN:2400",
+];
+
+/// The whole dialogue with a scanner, over minutes: a byte of milliseconds, a length, bytes. A length with its high bit set
+/// answers the last request as a sound device would, with the bytes as a further line that has the check it should have.
+pub fn lidar_dialogue(bytes: &[u8]) {
+    thread_local!(static LIDAR: Lidar = config::load_text("lidar", include_str!("../config/examples/lidar.toml"), &[])
+        .unwrap().config.robot.lidar.unwrap());
+    let mut reader = LIDAR.with(LidarReader::new);
+    let mut now = Stamp(1_000_000_000);
+    let mut request: &[u8] = b"";
+    let check = |sample: &compass::msg::LidarSample| {
+        let numbers = [sample.lean_rad, sample.height_m, sample.lean_sigma_rad, sample.height_sigma_m, sample.roughness_m];
+        assert!(numbers.iter().all(|x| x.is_finite()), "{sample:?}");
+    };
+    let length = |rest: &[u8]| 1 + usize::from(rest.first().copied().unwrap_or(0) & 0x7F);
+    for (wait, piece) in timed(bytes, length) {
+        now += wait;
+        request = reader.transmit(now, check).unwrap_or(request);
+        let [kind, data @ ..] = piece else { continue };
+        if kind & 0x80 == 0 {
+            reader.receive(now, data, check);
+            continue;
+        }
+        let mut answer = request.to_vec();
+        answer.extend(b"00P\n");
+        if request == scip::PARAMETERS {
+            for line in SCANNER {
+                answer.extend(line.bytes().chain([b';', scip::check(line.as_bytes()), b'\n']));
+            }
+        }
+        if !data.is_empty() {
+            answer.extend(data.iter().copied().chain([scip::check(data), b'\n']));
+        }
+        answer.push(b'\n');
+        reader.receive(now, &answer, check);
+    }
+    let counters = reader.counters();
+    assert!(u64::from(counters.scans) <= bytes.len() as u64, "{counters:?}");
 }
 
 /// Datagrams of motion capture.

@@ -67,6 +67,8 @@ pub struct SimLidar {
     line: VecDeque<(Stamp, Vec<u8>)>,
     connected: bool,
     next_attempt: Stamp,
+    /// When its clock began.
+    start: Stamp,
     clock_start_ms: u32,
     trouble: Trouble,
 }
@@ -101,6 +103,7 @@ impl SimLidar {
             line: VecDeque::new(),
             connected: false,
             next_attempt: Stamp::NEVER,
+            start: Stamp::default(),
             clock_start_ms: CLOCK_START_MS,
             trouble: Trouble {
                 check: None,
@@ -115,8 +118,13 @@ impl SimLidar {
     /// A clock that shall wrap at a time has to start in time.
     pub(super) fn prepare(&mut self, faults: &[Injection]) {
         if let Some(wrap) = faults.iter().find(|fault| fault.entry.fault == FaultName::LidarTimeWrap) {
-            self.clock_start_ms = 0_u32.wrapping_sub(milliseconds(Stamp::default() + wrap.at));
+            self.clock_start_ms = 0_u32.wrapping_sub(milliseconds(wrap.at));
         }
+    }
+
+    /// Switched on at another time.
+    pub(super) const fn start_at(&mut self, now: Stamp) {
+        self.start = now;
     }
 
     /// Something breaks, or is whole again.
@@ -264,7 +272,7 @@ impl SimLidar {
     }
 
     fn clock_ms(&self, now: Stamp) -> u32 {
-        milliseconds(now).wrapping_add(self.clock_start_ms) & 0x00FF_FFFF
+        milliseconds(now.since(self.start)).wrapping_add(self.clock_start_ms) & 0x00FF_FFFF
     }
 }
 
@@ -335,10 +343,10 @@ fn distance([x, y]: [f64; 2], direction_rad: f64, world: &dyn World) -> Option<f
     (to < FARTHEST_M).then_some(to)
 }
 
-/// Whole milliseconds since the clock's zero; wraps.
+/// Whole milliseconds; wraps.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "wraps, as the device's does")]
-const fn milliseconds(now: Stamp) -> u32 {
-    (now.0 / 1_000_000) as u32
+const fn milliseconds(time: Span) -> u32 {
+    (time.0 / 1_000_000) as u32
 }
 
 /// A value in so many characters of six bits.

@@ -6,11 +6,8 @@ use crate::msg::{FloorVerdict, LidarSample, LidarState, TOES};
 use crate::rt::{clock, poll};
 use crate::sensor::lidar::LidarReader;
 use crate::sensor::lidar::link::{LidarLine, serve};
-use crate::sensor::serial::PseudoTerminal;
-use std::io::{ErrorKind, Read, Write};
-use std::net::{TcpListener, TcpStream};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use crate::sim::served::lidar::LidarPort;
+use std::net::TcpListener;
 use std::time::{Duration, Instant};
 
 /// Long enough for any busy machine; nothing is said about how long it takes.
@@ -33,57 +30,42 @@ impl World for Still {
     }
 }
 
-/// One turn of the device on some line: what it heard in, what it has to say out.
-fn turn(device: &mut SimLidar, heard: &[u8], out: &mut Vec<u8>) {
-    let now = clock::now();
-    device.hear(now, heard);
-    while let Some(at) = device.next_measurement().filter(|at| *at <= now) {
-        device.measure(at, &Still.reading(), &Still);
+/// The simulated scanner on real links, and who reads it.
+struct Desk {
+    port: LidarPort,
+    device: SimLidar,
+    reader: LidarReader,
+    line: LidarLine,
+}
+
+impl Desk {
+    fn new(link: &LidarLink) -> Self {
+        let mut device = SimLidar::new(&settings(LidarLink::Mock), None, 1);
+        let port = LidarPort::open(link, Some(&mut device)).unwrap().unwrap();
+        let reader = LidarReader::new(&settings(link.clone()));
+        Self { port, device, reader, line: LidarLine::new(link).unwrap() }
     }
-    device.take(now, out);
-}
 
-fn is_quiet(error: &std::io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut)
-}
-
-/// Serves one connection until the other end leaves or `deaf` is set; then it stays open and says nothing.
-fn serve_connection(mut stream: TcpStream, deaf: &AtomicBool, over: &AtomicBool) {
-    let mut device = SimLidar::new(&settings(LidarLink::Mock), None, 1);
-    device.connect();
-    stream.set_read_timeout(Some(Duration::from_millis(2))).unwrap();
-    let (mut heard, mut out) = ([0; 256], Vec::new());
-    while !over.load(Ordering::Relaxed) {
-        let count = match stream.read(&mut heard) {
-            Ok(0) => return,
-            Ok(count) => count,
-            Err(error) if is_quiet(&error) => 0,
-            Err(_) => return,
-        };
-        if deaf.load(Ordering::Relaxed) {
-            continue;
+    /// Serves both ends until the reader says what is waited for; all words.
+    fn until(&mut self, mut done: impl FnMut(&LidarSample) -> bool) -> Vec<LidarSample> {
+        let (start, mut words) = (Instant::now(), Vec::new());
+        while !words.last().is_some_and(&mut done) {
+            assert!(start.elapsed() < PATIENCE, "it never came: {:?}", words.last());
+            let [request, host] = self.port.readable_fds();
+            poll::readable([self.line.readable_fd(), request, host], clock::now() + Span::from_ms(2));
+            let now = clock::now();
+            while let Some(at) = self.device.next_measurement().filter(|at| *at <= now) {
+                self.device.measure(at, &Still.reading(), &Still);
+            }
+            self.port.turn(&mut self.device, now);
+            serve(&mut self.reader, &mut self.line, clock::now(), |word| words.push(*word));
         }
-        out.clear();
-        turn(&mut device, &heard[..count], &mut out);
-        if stream.write_all(&out).is_err() {
-            return;
-        }
+        words
     }
-}
 
-/// Serves the reader until it says what is waited for; all words.
-fn until(
-    reader: &mut LidarReader,
-    line: &mut LidarLine,
-    mut done: impl FnMut(&LidarSample) -> bool,
-) -> Vec<LidarSample> {
-    let (start, mut words) = (Instant::now(), Vec::new());
-    while !words.last().is_some_and(&mut done) {
-        assert!(start.elapsed() < PATIENCE, "it never came: {:?}", words.last());
-        poll::readable([line.readable_fd()], clock::now() + Span::from_ms(2));
-        serve(reader, line, clock::now(), |word| words.push(*word));
+    fn suffer(&mut self, fault: &str, on: bool) {
+        self.device.suffer(&Injection::parse(fault).unwrap(), on);
     }
-    words
 }
 
 fn is_floor(word: &LidarSample) -> bool {
@@ -92,70 +74,32 @@ fn is_floor(word: &LidarSample) -> bool {
 
 #[test]
 fn scans_come_over_tcp_and_a_half_open_connection_is_made_anew() {
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = listener.local_addr().unwrap();
-    let (deaf, over) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
-    let flags = (Arc::clone(&deaf), Arc::clone(&over));
-    let server = std::thread::spawn(move || {
-        let mut connections = 0;
-        for stream in listener.incoming() {
-            let (deaf, over) = (Arc::clone(&flags.0), Arc::clone(&flags.1));
-            if over.load(Ordering::Relaxed) {
-                return connections;
-            }
-            connections += 1;
-            // Whoever comes after a dead connection is heard again.
-            deaf.store(false, Ordering::Relaxed);
-            let mine = Arc::new(AtomicBool::new(false));
-            let ear = if connections == 1 { deaf } else { mine };
-            std::thread::spawn(move || serve_connection(stream.unwrap(), &ear, &over));
-        }
-        connections
-    });
-    let lidar = settings(LidarLink::Tcp(address));
-    let (mut reader, mut line) = (LidarReader::new(&lidar), LidarLine::new(&lidar.link).unwrap());
-    until(&mut reader, &mut line, is_floor);
-    deaf.store(true, Ordering::Relaxed);
-    let words = until(&mut reader, &mut line, |word| word.state == LidarState::Silent);
-    let scans = words.last().unwrap().scans;
-    let words = until(&mut reader, &mut line, |word| is_floor(word) && word.scans > scans);
-    assert!(words.last().unwrap().starts >= 2 && reader.counters().reconnects >= 1);
-    over.store(true, Ordering::Relaxed);
-    // Wakes the one who accepts.
-    drop(TcpStream::connect(address));
-    assert!(server.join().unwrap() >= 2);
+    // A port that is free now.
+    let address = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let mut desk = Desk::new(&LidarLink::Tcp(address));
+    desk.until(is_floor);
+    desk.suffer("lidar_half_open@0", true);
+    let scans = desk.until(|word| word.state == LidarState::Silent).last().unwrap().scans;
+    desk.suffer("lidar_half_open@0", false);
+    let words = desk.until(|word| is_floor(word) && word.scans > scans);
+    assert!(words.last().unwrap().starts >= 2 && desk.reader.counters().reconnects >= 1);
 }
 
 #[test]
 fn scans_come_over_a_serial_line_and_a_device_that_is_not_there_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("lidar");
-    let lidar = settings(LidarLink::Serial(path.to_str().unwrap().to_owned()));
-    let (mut reader, mut line) = (LidarReader::new(&lidar), LidarLine::new(&lidar.link).unwrap());
-    let words = until(&mut reader, &mut line, |word| word.state == LidarState::Gone);
-    assert_eq!(words.len(), 1, "told once");
-    let mut terminal = PseudoTerminal::new().unwrap();
-    std::os::unix::fs::symlink(terminal.path().unwrap(), &path).unwrap();
-    let over = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&over);
-    let device = std::thread::spawn(move || {
-        let mut device = SimLidar::new(&settings(LidarLink::Mock), None, 1);
-        device.connect();
-        let (mut heard, mut out) = ([0; 256], Vec::new());
-        while !flag.load(Ordering::Relaxed) {
-            let count = terminal.far.read(&mut heard).unwrap_or(0);
-            turn(&mut device, &heard[..count], &mut out);
-            // A line that is full takes the rest later, as a USB modem does.
-            let most = out.len().min(512);
-            if terminal.far.write(&out[..most]) {
-                out.drain(..most);
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    });
-    until(&mut reader, &mut line, is_floor);
-    over.store(true, Ordering::Relaxed);
-    device.join().unwrap();
+    let link = LidarLink::Serial(path.to_str().unwrap().to_owned());
+    let mut desk = Desk::new(&link);
+    desk.until(is_floor);
+    // The device's name goes with it.
+    drop(desk);
+    let (mut reader, mut line) = (LidarReader::new(&settings(link.clone())), LidarLine::new(&link).unwrap());
+    let mut words = Vec::new();
+    for turn in 0..5 {
+        serve(&mut reader, &mut line, Stamp(turn * 600_000_000), |word| words.push(word.state));
+    }
+    assert_eq!(words, [LidarState::Gone], "told once");
 }
 
 #[test]

@@ -164,6 +164,7 @@ impl Plant {
         self.world_time = now;
         self.next_drive_tick = now;
         self.troubles.start_at(now);
+        self.lidar.iter_mut().for_each(|lidar| lidar.start_at(now));
         self.mocap.iter_mut().for_each(|mocap| mocap.start_at(now));
         self.pushes.start_at(now);
         self.boot_drives(now);

@@ -1,7 +1,11 @@
-//! The simulated robot on real interfaces, at the pace of the real clock: two CAN sockets and a pseudo-terminal.
+//! The simulated robot on real interfaces, at the pace of the real clock: two CAN sockets, a pseudo-terminal, and the ports
+//! of lidar and motion capture.
 //!
 //! What comes is handed to the plant when it is noticed, what the plant sends goes out when its time has come; so the
 //! reaction of a drive is late by the wake-up of this process. RT: no.
+
+pub(super) mod lidar;
+mod mocap;
 
 use super::plant::Plant;
 use crate::base::time::{Span, Stamp};
@@ -11,7 +15,10 @@ use crate::config::checked::{BusBackend, Config, SerialBackend};
 use crate::msg::{BUSES, FrameBatch};
 use crate::rt::{clock, poll};
 use crate::sensor::serial::PseudoTerminal;
+use lidar::LidarPort;
+use mocap::MocapPort;
 use std::fs;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 /// The plant moves on at least so often.
@@ -32,9 +39,25 @@ pub enum ServeError {
         cause: std::io::Error,
     },
     /// No pseudo-terminal.
-    #[error("cannot make a pseudo-terminal for the IMU")]
+    #[error("cannot make a pseudo-terminal")]
     Terminal(#[from] serialport::Error),
-    /// The path where the controller looks for the IMU is taken, or its folder is not there.
+    /// The address where the controller looks for the lidar is not this machine's, or taken.
+    #[error("cannot serve the lidar at {address} (robot.lidar.link, an address of this machine): {cause}")]
+    Lidar {
+        /// The address.
+        address: SocketAddr,
+        /// Why not.
+        cause: std::io::Error,
+    },
+    /// The address where the controller looks for motion capture is not this machine's, or taken.
+    #[error("cannot serve motion capture at {address} (robot.mocap.server, an address of this machine): {cause}")]
+    Mocap {
+        /// The address.
+        address: SocketAddr,
+        /// Why not.
+        cause: std::io::Error,
+    },
+    /// The path where the controller looks for a serial device is taken, or its folder is not there.
     #[error("cannot make {path} point to the pseudo-terminal: {cause}")]
     Symlink {
         /// The path.
@@ -65,7 +88,9 @@ pub struct Served {
     terminal: Option<PseudoTerminal>,
     /// Where the controller looks for it.
     imu_path: Option<String>,
-    link: Option<PathBuf>,
+    link: Option<Link>,
+    lidar: Option<LidarPort>,
+    mocap: Option<MocapPort>,
     traffic: Traffic,
     bytes: Vec<u8>,
 }
@@ -82,11 +107,15 @@ impl Served {
             SerialBackend::Mock => None,
             SerialBackend::Device(path) => Some(path.clone()),
         };
-        let link = imu_path.as_ref().map(|path| point_to(path, terminal.path().unwrap_or_default())).transpose()?;
+        let link = imu_path.as_ref().map(|path| Link::new(path, terminal.path().unwrap_or_default())).transpose()?;
+        let robot = &config.robot;
+        let lidar = robot.lidar.as_ref().map(|it| LidarPort::open(&it.link, plant.lidar())).transpose()?.flatten();
+        let mocap = robot.mocap.as_ref().map(MocapPort::open).transpose()?;
         plant.set_echo(false);
         plant.start_at(clock::now());
         let terminal = Some(terminal);
-        Ok(Self { plant, buses, terminal, imu_path, link, traffic: Traffic::default(), bytes: Vec::new() })
+        let (traffic, bytes) = (Traffic::default(), Vec::new());
+        Ok(Self { plant, buses, terminal, imu_path, link, lidar, mocap, traffic, bytes })
     }
 
     /// Where the IMU can be opened.
@@ -109,32 +138,31 @@ impl Served {
     /// Waits for something to do, at most a step, and does it.
     pub fn turn(&mut self) {
         let imu = self.terminal.as_ref().map_or(-1, |terminal| terminal.far.readable_fd());
-        let fds = [self.buses[0].readable_fd(), self.buses[1].readable_fd(), imu];
+        let [lidar, host] = self.lidar.as_ref().map_or([-1; 2], LidarPort::readable_fds);
+        let mocap = self.mocap.as_ref().map_or(-1, MocapPort::readable_fd);
+        let fds = [self.buses[0].readable_fd(), self.buses[1].readable_fd(), imu, lidar, host, mocap];
         poll::readable(fds, self.plant.now() + STEP);
         let now = clock::now();
         self.plant.advance_to(now);
         self.replug();
         self.hear();
         self.speak(now);
+        if let (Some(port), Some(device)) = (&mut self.lidar, self.plant.lidar()) {
+            port.turn(device, now);
+        }
+        if let (Some(port), Some(server)) = (&mut self.mocap, self.plant.mocap()) {
+            port.turn(server, now);
+        }
     }
 
     /// The IMU's line goes with its adapter, and comes back under another name. Where none can be made it stays away.
     fn replug(&mut self) {
         if !self.plant.imu_is_plugged() {
-            if self.terminal.take().is_some() {
-                self.unlink();
-            }
+            (self.terminal, self.link) = (None, None);
         } else if self.terminal.is_none() {
             self.terminal = PseudoTerminal::new().ok();
             let target = self.imu_path();
-            self.link = self.imu_path.as_ref().and_then(|path| point_to(path, target).ok());
-        }
-    }
-
-    fn unlink(&mut self) {
-        if let Some(link) = self.link.take() {
-            // If it is gone already there is nothing to do.
-            drop(fs::remove_file(link));
+            self.link = self.imu_path.as_ref().and_then(|path| Link::new(path, target).ok());
         }
     }
 
@@ -176,9 +204,27 @@ impl Served {
     }
 }
 
-impl Drop for Served {
+/// The name of a device, which points to its pseudo-terminal as long as this lives.
+#[derive(Debug)]
+struct Link(PathBuf);
+
+impl Link {
+    /// Replaces an old link, never a real file or device.
+    fn new(path: &str, target: String) -> Result<Self, ServeError> {
+        let error = |cause| ServeError::Symlink { path: path.to_owned(), cause };
+        let link = Path::new(path);
+        if fs::symlink_metadata(link).is_ok_and(|m| m.file_type().is_symlink()) {
+            fs::remove_file(link).map_err(error)?;
+        }
+        std::os::unix::fs::symlink(target, link).map_err(error)?;
+        Ok(Self(link.to_owned()))
+    }
+}
+
+impl Drop for Link {
     fn drop(&mut self) {
-        self.unlink();
+        // If it is gone already there is nothing to do.
+        drop(fs::remove_file(&self.0));
     }
 }
 
@@ -187,17 +233,6 @@ fn open_bus(config: &Config, bus: usize) -> Result<SocketCan, ServeError> {
     let BusBackend::SocketCan(name) = &settings.backend else { return Err(ServeError::NoInterface(bus)) };
     SocketCan::open(name, End::Robot, settings.echo_timeout)
         .map_err(|cause| ServeError::Can { name: name.clone(), cause })
-}
-
-/// Makes `path` a symbolic link to `target`. Replaces an old link, never a real file or device.
-fn point_to(path: &str, target: String) -> Result<PathBuf, ServeError> {
-    let error = |cause| ServeError::Symlink { path: path.to_owned(), cause };
-    let link = Path::new(path);
-    if fs::symlink_metadata(link).is_ok_and(|m| m.file_type().is_symlink()) {
-        fs::remove_file(link).map_err(error)?;
-    }
-    std::os::unix::fs::symlink(target, link).map_err(error)?;
-    Ok(link.to_owned())
 }
 
 #[cfg(test)]
@@ -209,12 +244,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("imu");
         let name = path.to_str().unwrap();
-        point_to(name, "/dev/pts/1".into()).unwrap();
-        point_to(name, "/dev/pts/2".into()).unwrap();
+        let first = Link::new(name, "/dev/pts/1".into()).unwrap();
+        let second = Link::new(name, "/dev/pts/2".into()).unwrap();
         assert_eq!(fs::read_link(&path).unwrap(), Path::new("/dev/pts/2"));
+        drop((first, second));
+        assert!(fs::symlink_metadata(&path).is_err(), "it goes with its device");
         let file = folder.path().join("file");
         fs::write(&file, "mine").unwrap();
-        assert!(point_to(file.to_str().unwrap(), "/dev/pts/1".into()).is_err());
+        assert!(Link::new(file.to_str().unwrap(), "/dev/pts/1".into()).is_err());
         assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
     }
 }
