@@ -218,6 +218,7 @@ fn foot_placement(r: &Reader<'_>) -> FootPlacement {
         floor_share: r.number("floor_share", range(0.0, 2.0, "1")),
         floor_memory: r.number("floor_memory", range(0.0, 1.0, "1")),
         slope_share: r.number("slope_share", range(0.0, 1.0, "1")),
+        angle_per_slope: r.number("angle_per_slope", range(-3.0, 3.0, "1")),
         push_m: r.number("push_m", range(0.0, 0.2, "m")),
         push_per_speed_s: r.number("push_per_speed_s", range(-0.2, 0.2, "s")),
         push_per_energy_m_s2_rad2: r.number("push_per_energy_m_s2_rad2", range(0.0, 1.0, "m s^2/rad^2")),

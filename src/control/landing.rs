@@ -128,7 +128,13 @@ impl Landing {
     pub(super) fn steady_rad(&self, speed_m_s: f64) -> f64 {
         let s = &self.steady;
         let aimed_m_s = self.aimed_m_s(speed_m_s);
-        (s.angle_rad + s.angle_per_speed_s_m * (aimed_m_s - s.aimed_m_s)).clamp(LEAST_RAD, MOST_RAD)
+        let level_rad = s.angle_rad + s.angle_per_speed_s_m * (aimed_m_s - s.aimed_m_s);
+        (level_rad + self.numbers.angle_per_slope * self.downhill_rad(level_rad)).clamp(LEAST_RAD, MOST_RAD)
+    }
+
+    /// How steeply the floor goes down, as learnt, with steps of this swing angle, rad.
+    fn downhill_rad(&self, angle_rad: f64) -> f64 {
+        (-self.floor.rise_m / (2.0 * self.leg_m * angle_rad.max(LEAST_RAD))).clamp(-MOST_SLOPE_RAD, MOST_SLOPE_RAD)
     }
 
     /// Speed to aim at for one that is asked for, m/s: a foothold makes up for a share of an error only, so the robot walks
@@ -237,6 +243,8 @@ const PUSH_GAIN: f64 = 25.0;
 /// Bounds of a steady swing angle, rad.
 const LEAST_RAD: f64 = 0.03;
 const MOST_RAD: f64 = 0.4;
+/// Steepest floor that is believed, rad.
+const MOST_SLOPE_RAD: f64 = 0.06;
 /// Slowest touchdown that is reckoned with, rad/s.
 const LEAST_RATE: f64 = 0.05;
 /// Most that is aimed at beyond the steady walk's numbers, m/s: half of a slow walk.
@@ -251,3 +259,30 @@ const HALVINGS: usize = 12;
 const STOPPING: f64 = -0.05;
 /// Largest gain of ξ² in a step that is believed, rad²/s².
 const MOST_GAIN: f64 = 0.3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_that_lead_downhill_are_longer_and_uphill_shorter() {
+        let config = crate::config::load(None, &[]).unwrap().config;
+        let walked = |slope_rad: f64| {
+            let mut landing = Landing::new(&config);
+            landing.reset();
+            let angle = landing.steady_rad(0.4);
+            // Both feet on a slope: the legs' bisector is normal to it.
+            let [stance, swing] = [angle - slope_rad, -angle - slope_rad];
+            let e = Estimate { theta_stance_rad: stance, theta_swing_rad: swing, ..Estimate::default() };
+            (0..100).for_each(|_| landing.learn_floor(&e, 0.0));
+            (landing.downhill_rad(angle), landing.steady_rad(0.4) - angle)
+        };
+        let per_slope = config.control.foot_placement.angle_per_slope;
+        for slope_rad in [-0.03, 0.0, 0.03] {
+            let (learnt, longer) = walked(slope_rad);
+            assert!((learnt - slope_rad).abs() < 1e-3, "{slope_rad}: {learnt}");
+            assert!((longer - per_slope * slope_rad).abs() < 1e-3, "{slope_rad}: {longer}");
+        }
+        assert!(per_slope > 0.0);
+    }
+}
