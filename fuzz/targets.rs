@@ -252,16 +252,8 @@ pub fn scanner(bytes: &[u8]) {
 }
 
 /// What a sound UTM-30LX-EW says of itself; the check of each line follows.
-const SCANNER: [&str; 8] = [
-    "MODL:UTM-30LX-EW",
-    "DMIN:23",
-    "DMAX:60000",
-    "ARES:1440",
-    "AMIN:0",
-    "AMAX:1080",
-    "AFRT:540",
-    "SCAN:2400",
-];
+const SCANNER: [&str; 8] =
+    ["MODL:UTM-30LX-EW", "DMIN:23", "DMAX:60000", "ARES:1440", "AMIN:0", "AMAX:1080", "AFRT:540", "SCAN:2400"];
 
 /// The whole dialogue with a scanner, over minutes: a byte of milliseconds, a length, bytes. A length with its high bit set
 /// answers the last request as a sound device would, with the bytes as a further line that has the check it should have.
@@ -272,7 +264,8 @@ pub fn lidar_dialogue(bytes: &[u8]) {
     let mut now = Stamp(1_000_000_000);
     let mut request: &[u8] = b"";
     let check = |sample: &compass::msg::LidarSample| {
-        let numbers = [sample.lean_rad, sample.height_m, sample.lean_sigma_rad, sample.height_sigma_m, sample.roughness_m];
+        let numbers =
+            [sample.lean_rad, sample.height_m, sample.lean_sigma_rad, sample.height_sigma_m, sample.roughness_m];
         assert!(numbers.iter().all(|x| x.is_finite()), "{sample:?}");
     };
     let length = |rest: &[u8]| 1 + usize::from(rest.first().copied().unwrap_or(0) & 0x7F);

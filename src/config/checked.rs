@@ -527,6 +527,8 @@ pub struct FootPlacement {
     pub toe_out_s: f64,
     /// and not before the stance leg leans so far beyond the vertical, rad.
     pub toe_out_rad: f64,
+    /// And not before the swing leg has come so far of its way from the vertical to the foothold.
+    pub toe_out_share: f64,
     /// Share of a foothold's height that the stance toe takes up.
     pub floor_share: f64,
     /// Share of a foothold's height that is remembered for the next one.

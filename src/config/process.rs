@@ -215,6 +215,7 @@ fn foot_placement(r: &Reader<'_>) -> FootPlacement {
         toe_kept: r.number("toe_kept", range(0.0, 1.0, "1")),
         toe_out_s: r.number("toe_out_s", range(0.0, 1.0, "s")),
         toe_out_rad: r.number("toe_out_rad", range(-0.5, 0.5, "rad")),
+        toe_out_share: r.number("toe_out_share", range(0.0, 1.0, "1")),
         floor_share: r.number("floor_share", range(0.0, 2.0, "1")),
         floor_memory: r.number("floor_memory", range(0.0, 1.0, "1")),
         slope_share: r.number("slope_share", range(0.0, 1.0, "1")),

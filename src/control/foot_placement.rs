@@ -210,7 +210,11 @@ impl FootPlacement {
         let n = &self.numbers;
         let passed_rad = -e.theta_stance_rad;
         step.swing_toe_out |= since_s > step.lands_s - n.toe_out_s
-            && if step.is_back { e.theta_swing_rad < 0.0 } else { passed_rad > n.toe_out_rad };
+            && if step.is_back {
+                e.theta_swing_rad < 0.0
+            } else {
+                passed_rad > n.toe_out_rad && e.theta_swing_rad > n.toe_out_share * step.goal_rad
+            };
         let swing_m = if step.swing_toe_out { n.toe_reach_m } else { 0.0 };
         let level_m = n.toe_nominal_m - n.floor_share * self.landing.height_m();
         let pushes = passed_rad > if step.is_first { FIRST_PUSH_RAD } else { n.push_rad };
