@@ -128,12 +128,15 @@ pub fn rejected(
     }
     for trial in last.iter().take(8) {
         let least = detection_threshold(context, trial.candidate.keys.len());
+        let gain = format!("gains {:.0} in twice the log-likelihood", trial.gain.max(0.0));
+        let counts = trial.gain > least;
         push(
             trial,
-            format!(
-                "gains {:.0} in twice the log-likelihood; {least:.0} is the least that counts",
-                trial.gain.max(0.0)
-            ),
+            if counts {
+                format!("{gain}, but did not stand the tests that follow: diagnose -v tells which")
+            } else {
+                format!("{gain}; {least:.0} is the least that counts")
+            },
         );
     }
     out
