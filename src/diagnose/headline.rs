@@ -10,6 +10,9 @@ use crate::model::rig::{MechanismKind, Rig, Sensor};
 use crate::report::findings::HALF_95;
 use crate::report::table::number;
 
+/// Numbers that a headline tells; the page has all.
+const TOLD: usize = 3;
+
 /// Error of free runs in a channel, in its unit, over the recordings that were kept back (all, if none were).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cost {
@@ -66,8 +69,23 @@ pub fn headline(diagnosis: &Diagnosis, lines: &[ParameterLine], costs: &[Cost]) 
             cost.into_iter().chain(entries).collect()
         }
     };
+    let other = if diagnosis.verdict == Verdict::Consistent { None } else { other_numbers(lines) };
     let seen = diagnosis.seen.iter().map(|s| s.sentence.clone());
-    said.into_iter().chain(seen).collect::<Vec<_>>().join(" ")
+    said.into_iter().chain(other).chain(seen).collect::<Vec<_>>().join(" ")
+}
+
+/// The given numbers that are others by more than their 95 % interval, the surest first.
+fn other_numbers(lines: &[ParameterLine]) -> Option<String> {
+    let deviations = |l: &ParameterLine| (l.explained.value - l.given).abs() / l.explained.std;
+    let is_other = |l: &&ParameterLine| !l.at_bound && deviations(l).is_finite() && deviations(l) > HALF_95;
+    let mut others: Vec<&ParameterLine> = lines.iter().filter(is_other).collect();
+    others.sort_by(|a, b| deviations(b).total_cmp(&deviations(a)));
+    let one = |l: &&ParameterLine| {
+        let half = HALF_95 * l.explained.std;
+        format!("{} {} ± {} (given {})", l.name, number(l.explained.value), number(half), number(l.given))
+    };
+    let told: Vec<String> = others.iter().take(TOLD).map(one).collect();
+    (!told.is_empty()).then(|| format!("Numbers that are not as given: {}.", told.join(", ")))
 }
 
 /// The channel that shows most is the one that gains most; angles and positions before rates, which few can picture.
@@ -159,6 +177,30 @@ mod tests {
         let weak = said_of(&spring(Estimate::normal(5.0, 4.0)), &[line(false)]);
         assert!(weak.starts_with("Perhaps parallel spring at q1") && weak.contains("not told from nothing"), "{weak}");
         assert!(said_of(&spring(Estimate::normal(5.0, 0.1)), &[line(true)]).contains("bound of the search"));
+    }
+
+    #[test]
+    fn numbers_that_are_not_as_given_are_told_the_surest_first() {
+        let line = |name: &str, given: f64, value: f64, std: f64| ParameterLine {
+            name: name.into(),
+            given,
+            refitted: value,
+            explained: Estimate::normal(value, std),
+            at_bound: false,
+        };
+        let lines = [
+            line("mass", 10.0, 10.2, 0.05),
+            line("length", 1.0, 1.5, 0.01),
+            line("as_given", 1.0, 1.1, 0.1),
+            line("added", f64::NAN, 1.0, 0.1),
+        ];
+        let told = other_numbers(&lines).unwrap();
+        assert!(
+            told.starts_with("Numbers that are not as given: length 1.5") && told.contains("(given 1), mass"),
+            "{told}"
+        );
+        assert!(!told.contains("as_given ") && !told.contains("added"), "{told}");
+        assert_eq!(other_numbers(&lines[2..]), None);
     }
 
     #[test]
