@@ -221,14 +221,13 @@ impl Estimator {
 
     /// Springs and weight say which leg stands.
     fn judge_stance(&mut self, now: Stamp, snapshot: &Snapshot, measured: Option<&Measured>) {
-        let Some([ts, tw, _, vs, ..]) = self.state else { return };
+        let Some([ts, tw, ..]) = self.state else { return };
         let signs = Signs {
             now,
             seen: snapshot,
             stance: self.stance,
             elsewhere: self.weight.elsewhere(),
             height_m: self.swing_height_m(ts, tw, &snapshot.toe_position_m),
-            ahead: (ts - tw) * vs >= 0.0,
         };
         match (self.touchdown.judge(&signs), measured) {
             (Verdict::Stays, _) | (Verdict::TakenBack, None) => {}

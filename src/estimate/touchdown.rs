@@ -8,8 +8,6 @@
 //! ```
 //! The robot's weight alone does not move the preloaded springs, but a blow does. So a swing toe whose spring gives way has
 //! met the ground. Springs see blows only, so the second sign of contact is [`super::weight`]: which foot carries the robot.
-//! A robot falls on a foot that is ahead of it. What looks like weight on the other side is a push from outside: in the motion
-//! of two legs a push along a leg and a foot under it are the same.
 //! A touchdown too soft for the springs is noticed by the weight; a blow after which the weight stays where it was (a toe
 //! that knocked something) is taken back. In between there is doubt, and the torque fades with it.
 //!
@@ -63,8 +61,6 @@ pub(super) struct Signs<'a> {
     pub(super) elsewhere: f64,
     /// Height of the other foot over the level of this one, m.
     pub(super) height_m: f64,
-    /// The other foot is on the side to which the robot falls.
-    pub(super) ahead: bool,
 }
 
 /// A toe's potentiometer.
@@ -122,7 +118,7 @@ impl Detector {
         }
         let quiet = since.is_some_and(|s| s < QUIET);
         let low = signs.height_m < IN_THE_AIR_M;
-        if quiet || !low || !(blow || carried && signs.ahead) {
+        if quiet || !low || !(blow || carried) {
             return Verdict::Stays;
         }
         self.on_trial = true;
@@ -211,12 +207,11 @@ mod tests {
         detector: Detector,
         now: Stamp,
         stance: Leg,
-        ahead: bool,
     }
 
     impl Walk {
         fn new() -> Self {
-            Self { detector: Detector::new(5e-4), now: Stamp(1_000_000_000), stance: Leg::Inner, ahead: true }
+            Self { detector: Detector::new(5e-4), now: Stamp(1_000_000_000), stance: Leg::Inner }
         }
 
         /// So many ms with these springs and this share of the weight elsewhere; says what changed.
@@ -225,14 +220,7 @@ mod tests {
             let mut verdicts = Vec::new();
             for _ in 0..ms {
                 self.now += Span::from_ms(1);
-                let signs = Signs {
-                    now: self.now,
-                    seen: &seen,
-                    stance: self.stance,
-                    elsewhere,
-                    height_m: 0.0,
-                    ahead: self.ahead,
-                };
+                let signs = Signs { now: self.now, seen: &seen, stance: self.stance, elsewhere, height_m: 0.0 };
                 let verdict = self.detector.judge(&signs);
                 if verdict != Verdict::Stays {
                     verdicts.push(verdict);
@@ -265,13 +253,6 @@ mod tests {
     }
 
     #[test]
-    fn a_push_that_looks_like_weight_behind_is_no_touchdown_and_a_blow_is() {
-        let mut walk = Walk { ahead: false, ..Walk::new() };
-        assert!(walk.on(100, AIR, 1.0).is_empty());
-        assert_eq!(walk.on(15, OUTER, 0.0), [Verdict::Changes]);
-    }
-
-    #[test]
     fn a_knock_after_which_the_weight_stays_is_taken_back() {
         let mut walk = Walk::new();
         assert_eq!(walk.on(6, OUTER, 0.0), [Verdict::Changes]);
@@ -288,8 +269,7 @@ mod tests {
         let mut off = Walk { detector: Detector::new(0.0), ..Walk::new() };
         assert!(off.on(50, OUTER, 1.0).is_empty());
         let seen = Snapshot { toe_spring_m: OUTER, toe_age: Span::from_ms(30), ..Snapshot::default() };
-        let signs =
-            Signs { now: walk.now, seen: &seen, stance: Leg::Inner, elsewhere: 0.0, height_m: 0.0, ahead: true };
+        let signs = Signs { now: walk.now, seen: &seen, stance: Leg::Inner, elsewhere: 0.0, height_m: 0.0 };
         assert_eq!(walk.detector.judge(&signs), Verdict::Stays, "old");
         let fresh = Snapshot { toe_age: Span::from_ms(2), ..seen };
         let high = Signs { seen: &fresh, height_m: 0.1, ..signs };
