@@ -1,5 +1,4 @@
 //! The simulated server of motion capture on UDP: NatNet answers at its command port, Vicon sends to who listens.
-#![expect(clippy::disallowed_types, reason = "a process of its own")]
 
 use super::ServeError;
 use crate::base::time::Stamp;
