@@ -535,7 +535,9 @@ pub struct FootPlacement {
     pub floor_memory: f64,
     /// Share of a step's rise that is taken for slope.
     pub slope_share: f64,
-    /// Swing angle at touchdown that is added in steady walking for each rad that the floor goes down, rad/rad.
+    /// A floor that seems less steep is level: tiles, and errors of the attitude, rad.
+    pub slope_level_rad: f64,
+    /// Swing angle at touchdown that is added in steady walking for each rad beyond it that the floor goes down, rad/rad.
     pub angle_per_slope: f64,
     /// Push-off of the stance toe, m.
     pub push_m: f64,

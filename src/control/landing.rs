@@ -132,9 +132,11 @@ impl Landing {
         (level_rad + self.numbers.angle_per_slope * self.downhill_rad(level_rad)).clamp(LEAST_RAD, MOST_RAD)
     }
 
-    /// How steeply the floor goes down, as learnt, with steps of this swing angle, rad.
+    /// How much more steeply than a level floor can seem the floor goes down, as learnt, with steps of this swing angle, rad.
     fn downhill_rad(&self, angle_rad: f64) -> f64 {
-        (-self.floor.rise_m / (2.0 * self.leg_m * angle_rad.max(LEAST_RAD))).clamp(-MOST_SLOPE_RAD, MOST_SLOPE_RAD)
+        let slope_rad = -self.floor.rise_m / (2.0 * self.leg_m * angle_rad.max(LEAST_RAD));
+        let beyond_rad = (slope_rad.abs() - self.numbers.slope_level_rad).clamp(0.0, MOST_SLOPE_RAD);
+        libm::copysign(beyond_rad, slope_rad)
     }
 
     /// Speed to aim at for one that is asked for, m/s: a foothold makes up for a share of an error only, so the robot walks
@@ -278,10 +280,12 @@ mod tests {
             (landing.downhill_rad(angle), landing.steady_rad(0.4) - angle)
         };
         let per_slope = config.control.foot_placement.angle_per_slope;
-        for slope_rad in [-0.03, 0.0, 0.03] {
+        let level_rad = config.control.foot_placement.slope_level_rad;
+        for slope_rad in [-0.03, -0.9 * level_rad, 0.0, 0.03] {
             let (learnt, longer) = walked(slope_rad);
-            assert!((learnt - slope_rad).abs() < 1e-3, "{slope_rad}: {learnt}");
-            assert!((longer - per_slope * slope_rad).abs() < 1e-3, "{slope_rad}: {longer}");
+            let beyond_rad = libm::copysign((slope_rad.abs() - level_rad).max(0.0), slope_rad);
+            assert!((learnt - beyond_rad).abs() < 1e-3, "{slope_rad}: {learnt}");
+            assert!((longer - per_slope * beyond_rad).abs() < 1e-3, "{slope_rad}: {longer}");
         }
         assert!(per_slope > 0.0);
     }
