@@ -90,24 +90,12 @@ impl Gait {
         speed_m_s: f64,
         motion: Motion,
     ) -> (Wish, LawName) {
-        let (mut wish, law) = self.rigid_step(now, &self.compliance.slow(e), seen, speed_m_s, motion);
-        wish.hip_torque_nm += self.compliance.damping_nm(e);
-        (wish, law)
-    }
-
-    /// The same of legs that a rigid drive carries.
-    fn rigid_step(
-        &mut self,
-        now: Stamp,
-        e: &Estimate,
-        seen: &Snapshot,
-        speed_m_s: f64,
-        motion: Motion,
-    ) -> (Wish, LawName) {
+        let elastic = e;
+        let e = &self.compliance.slow(elastic);
         if self.stance.replace(e.stance) != Some(e.stance) {
             self.choose(now, e, seen, motion);
         }
-        match &mut self.own {
+        let (mut wish, law) = match &mut self.own {
             Own::Rebalance(law) => (law.step(now, e, seen), LawName::Tvlqr),
             Own::Virtual(law) if self.in_charge => {
                 let wish = law.step(now, e, seen, speed_m_s, &mut self.placement.landing);
@@ -117,7 +105,9 @@ impl Gait {
             Own::Placement | Own::Virtual(_) | Own::Transverse(_) => {
                 (self.placement.step(now, e, seen, speed_m_s), LawName::FootPlacement)
             }
-        }
+        };
+        wish.hip_torque_nm += self.compliance.damping_nm(elastic);
+        (wish, law)
     }
 
     /// At a touchdown: who is in charge of the step that begins.
