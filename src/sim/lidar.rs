@@ -249,6 +249,12 @@ impl SimLidar {
         }
     }
 
+    /// Somebody is connected, as far as the device knows.
+    #[must_use]
+    pub const fn is_connected(&self) -> bool {
+        self.connected
+    }
+
     /// Somebody connects. False: nobody answers.
     pub fn connect(&mut self) -> bool {
         self.connected = !self.trouble.half_open;

@@ -40,8 +40,8 @@ struct Desk {
 
 impl Desk {
     fn new(link: &LidarLink) -> Self {
-        let mut device = SimLidar::new(&settings(LidarLink::Mock), None, 1);
-        let port = LidarPort::open(link, Some(&mut device)).unwrap().unwrap();
+        let device = SimLidar::new(&settings(LidarLink::Mock), None, 1);
+        let port = LidarPort::open(link).unwrap().unwrap();
         let reader = LidarReader::new(&settings(link.clone()));
         Self { port, device, reader, line: LidarLine::new(link).unwrap() }
     }
@@ -92,6 +92,11 @@ fn scans_come_over_a_serial_line_and_a_device_that_is_not_there_is_told() {
     let link = LidarLink::Serial(path.to_str().unwrap().to_owned());
     let mut desk = Desk::new(&link);
     desk.until(is_floor);
+    // A device that was deaf for a while is heard again.
+    desk.suffer("lidar_half_open@0", true);
+    let scans = desk.until(|word| word.state == LidarState::Silent).last().unwrap().scans;
+    desk.suffer("lidar_half_open@0", false);
+    desk.until(|word| is_floor(word) && word.scans > scans);
     // The device's name goes with it.
     drop(desk);
     let (mut reader, mut line) = (LidarReader::new(&settings(link.clone())), LidarLine::new(&link).unwrap());

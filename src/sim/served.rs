@@ -4,7 +4,7 @@
 //! What comes is handed to the plant when it is noticed, what the plant sends goes out when its time has come; so the
 //! reaction of a drive is late by the wake-up of this process. RT: no.
 
-pub(super) mod lidar;
+pub mod lidar;
 mod mocap;
 
 use super::plant::Plant;
@@ -109,7 +109,7 @@ impl Served {
         };
         let link = imu_path.as_ref().map(|path| Link::new(path, terminal.path().unwrap_or_default())).transpose()?;
         let robot = &config.robot;
-        let lidar = robot.lidar.as_ref().map(|it| LidarPort::open(&it.link, plant.lidar())).transpose()?.flatten();
+        let lidar = robot.lidar.as_ref().map(|it| LidarPort::open(&it.link)).transpose()?.flatten();
         let mocap = robot.mocap.as_ref().map(MocapPort::open).transpose()?;
         plant.set_echo(false);
         plant.start_at(clock::now());

@@ -12,6 +12,7 @@ use crate::rt::stop::Stop;
 use crate::rt::thread;
 use crate::sim::World;
 use crate::sim::plant::Plant;
+use crate::sim::served::lidar::LidarPort;
 use crate::sim::world;
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
@@ -71,7 +72,7 @@ struct Body {
     plant: Plant,
     ends: [Option<(LoopbackTx, LoopbackRx)>; BUSES],
     serial: Option<UnixStream>,
-    scanner: Option<UnixStream>,
+    scanner: Option<LidarPort>,
     pulse: Arc<Pulse>,
     batch: FrameBatch,
     bytes: Vec<u8>,
@@ -81,12 +82,10 @@ impl Body {
     fn new(parts: MockParts, world: Box<dyn World>) -> Self {
         let mut plant = Plant::with_world(&parts.config, world);
         plant.start_at(clock::now());
-        if let Some(lidar) = plant.lidar() {
-            lidar.connect();
-        }
         let ends = parts.ends.map(|end| end.map(Loopback::split));
         let (batch, bytes) = (FrameBatch::default(), Vec::with_capacity(4096));
-        Self { plant, ends, serial: parts.serial, scanner: parts.scanner, pulse: parts.pulse, batch, bytes }
+        let scanner = parts.scanner.map(LidarPort::on_pair);
+        Self { plant, ends, serial: parts.serial, scanner, pulse: parts.pulse, batch, bytes }
     }
 
     fn run(mut self, stop: &Stop) {
@@ -115,21 +114,10 @@ impl Body {
             // A full line drops bytes; the reader resynchronises.
             drop(serial.write(&self.bytes));
         }
-        self.speak_of_the_floor(now);
-        self.pulse.beat(now);
-    }
-
-    /// The lidar's line, both ways.
-    fn speak_of_the_floor(&mut self, now: Stamp) {
-        let (Some(scanner), Some(lidar)) = (&mut self.scanner, self.plant.lidar()) else { return };
-        let mut request = [0; 256];
-        if let Ok(count) = scanner.read(&mut request) {
-            lidar.hear(now, &request[..count]);
+        if let (Some(scanner), Some(lidar)) = (&mut self.scanner, self.plant.lidar()) {
+            scanner.turn(lidar, now);
         }
-        self.bytes.clear();
-        lidar.take(now, &mut self.bytes);
-        // As above.
-        drop(scanner.write(&self.bytes));
+        self.pulse.beat(now);
     }
 
     fn hear(&mut self) {

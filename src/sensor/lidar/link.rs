@@ -198,7 +198,8 @@ fn connect(address: SocketAddr) -> std::io::Result<TcpStream> {
     Ok(stream)
 }
 
-fn read(stream: &mut impl Read, buffer: &mut [u8]) -> Option<usize> {
+/// Bytes that are there, 0 if none. `None`: the line has ended.
+pub fn read(stream: &mut impl Read, buffer: &mut [u8]) -> Option<usize> {
     match stream.read(buffer) {
         Ok(0) => None,
         Ok(count) => Some(count),

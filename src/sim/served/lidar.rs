@@ -1,14 +1,17 @@
-//! The simulated scanner where the controller looks for it: at its TCP address, or a pseudo-terminal under its device's name.
-#![expect(clippy::disallowed_types, reason = "a process of its own")]
+//! The simulated scanner's end of its line: a TCP port or a pseudo-terminal where the controller looks for it, or one half of a
+//! pair within a process. RT: no.
+#![expect(clippy::disallowed_types, reason = "not in the controller's threads")]
 
 use super::{Link, ServeError};
 use crate::base::time::Stamp;
 use crate::config::checked::LidarLink;
+use crate::sensor::lidar::link::read;
 use crate::sensor::serial::PseudoTerminal;
 use crate::sim::lidar::SimLidar;
-use std::io::{ErrorKind, Read, Write};
+use std::io::{ErrorKind, Write};
 use std::net::{TcpListener, TcpStream};
 use std::os::fd::{AsRawFd, RawFd};
+use std::os::unix::net::UnixStream;
 
 /// A host that leaves so much lying is gone: ten scans.
 const MOST_UNSENT: usize = 35_000;
@@ -17,7 +20,7 @@ const REQUEST: usize = 256;
 
 /// Its end of the line.
 #[derive(Debug)]
-pub(in crate::sim) struct LidarPort {
+pub struct LidarPort {
     line: Line,
     /// What the line has not taken yet.
     unsent: Vec<u8>,
@@ -27,11 +30,12 @@ pub(in crate::sim) struct LidarPort {
 enum Line {
     Tcp { listener: TcpListener, host: Option<TcpStream> },
     Serial { terminal: PseudoTerminal, _link: Link },
+    Pair(UnixStream),
 }
 
 impl LidarPort {
     /// `None` if the configuration names no place for it.
-    pub(in crate::sim) fn open(link: &LidarLink, device: Option<&mut SimLidar>) -> Result<Option<Self>, ServeError> {
+    pub(in crate::sim) fn open(link: &LidarLink) -> Result<Option<Self>, ServeError> {
         let line = match link {
             LidarLink::Mock => return Ok(None),
             LidarLink::Tcp(address) => {
@@ -43,12 +47,16 @@ impl LidarPort {
             LidarLink::Serial(path) => {
                 let terminal = PseudoTerminal::new()?;
                 let link = Link::new(path, terminal.path().unwrap_or_default())?;
-                // A serial line has no connection that could be missing.
-                device.map(SimLidar::connect);
                 Line::Serial { terminal, _link: link }
             }
         };
         Ok(Some(Self { line, unsent: Vec::new() }))
+    }
+
+    /// One half of a pair that does not wait.
+    #[must_use]
+    pub const fn on_pair(stream: UnixStream) -> Self {
+        Self { line: Line::Pair(stream), unsent: Vec::new() }
     }
 
     /// Descriptors that poll readable when there is something to do; negative if there are none.
@@ -56,17 +64,19 @@ impl LidarPort {
         match &self.line {
             Line::Tcp { listener, host } => [listener.as_raw_fd(), host.as_ref().map_or(-1, AsRawFd::as_raw_fd)],
             Line::Serial { terminal, .. } => [terminal.far.readable_fd(), -1],
+            Line::Pair(stream) => [stream.as_raw_fd(), -1],
         }
     }
 
     /// Takes connections and requests, hands over what is due.
-    pub(in crate::sim) fn turn(&mut self, device: &mut SimLidar, now: Stamp) {
+    pub fn turn(&mut self, device: &mut SimLidar, now: Stamp) {
         self.accept(device);
         let mut buffer = [0; REQUEST];
         let heard = match &mut self.line {
             Line::Tcp { host: Some(host), .. } => read(host, &mut buffer),
             Line::Tcp { host: None, .. } => Some(0),
             Line::Serial { terminal, .. } => Some(terminal.far.read(&mut buffer).unwrap_or(0)),
+            Line::Pair(stream) => read(stream, &mut buffer),
         };
         match heard {
             Some(count) => device.hear(now, &buffer[..count]),
@@ -78,7 +88,13 @@ impl LidarPort {
 
     /// One host at a time, the newest: the one before may be half open.
     fn accept(&mut self, device: &mut SimLidar) {
-        let Line::Tcp { listener, host } = &mut self.line else { return };
+        let Line::Tcp { listener, host } = &mut self.line else {
+            // A line without connections is one as soon as the device listens.
+            if !device.is_connected() {
+                device.connect();
+            }
+            return;
+        };
         let Ok((stream, _)) = listener.accept() else { return };
         // A device that does not know of a connection leaves it to the host to notice.
         device.connect();
@@ -93,6 +109,7 @@ impl LidarPort {
         let taken = match &mut self.line {
             Line::Tcp { host: Some(host), .. } => written(host.write(&self.unsent)),
             Line::Tcp { host: None, .. } => Some(self.unsent.len()),
+            Line::Pair(stream) => written(stream.write(&self.unsent)),
             // A terminal takes all or, while nobody reads, nothing.
             Line::Serial { terminal, .. } => {
                 terminal.far.write(&self.unsent);
@@ -116,20 +133,8 @@ impl LidarPort {
     }
 }
 
-/// Bytes that were there. `None`: the line has ended.
-fn read(stream: &mut TcpStream, buffer: &mut [u8]) -> Option<usize> {
-    match stream.read(buffer) {
-        Ok(0) => None,
-        Ok(count) => Some(count),
-        Err(error) => waits(&error),
-    }
-}
-
 /// Bytes that were taken. `None`: the line has ended.
 fn written(result: std::io::Result<usize>) -> Option<usize> {
-    result.map_or_else(|error| waits(&error), Some)
-}
-
-fn waits(error: &std::io::Error) -> Option<usize> {
-    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted).then_some(0)
+    let waits = |e: std::io::Error| matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted).then_some(0);
+    result.map_or_else(waits, Some)
 }
