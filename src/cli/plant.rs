@@ -25,8 +25,9 @@ Examples:
   compass plant --config robot.toml --fault boot_up@20s:drive=hip
 
 If robot.imu.backend names a path, it becomes a symbolic link to the pseudo-terminal; otherwise its path is printed.
+robot.lidar.link and robot.mocap.server are served too, if their addresses are of this machine.
 A line per second tells angles, hip torque and the drives' states. Ends with SIGINT, SIGTERM or SIGHUP.
-Exit codes: 0 fine, 2 configuration, 3 no such interface.")]
+Exit codes: 0 fine, 2 configuration, 3 no such interface or address.")]
 pub(crate) struct Args {
     #[command(flatten)]
     config: ConfigArgs,
