@@ -70,6 +70,11 @@ impl BiasObserver {
         self.trusts_observer = false;
     }
 
+    /// What was learnt since the bias was this was learnt with the wrong foot.
+    pub(super) const fn take_back(&mut self, rad: f64) {
+        self.bias_rad = rad;
+    }
+
     /// Samples are missing, or mix two states: goes on from the rates that the observer believes. A single difference of
     /// the encoder is too rough to begin with (a count is .16 rad/s).
     pub(super) const fn restart(&mut self) {

@@ -24,10 +24,12 @@ const OLDEST: Span = Span::from_ms(20);
 /// A foot this far above the ground by the angles and toe lengths does not touch it, m: tiles of 30 mm, angles wrong by
 /// .5 degrees at steps of .4 m.
 const IN_THE_AIR_M: f64 = 0.045;
-/// The other foot carries the robot: share of the weight, and for how long in a row. A foot that begins or ends to slip
-/// looks like it for less.
-const CARRIES: f64 = 0.8;
-const CARRIES_FOR: Span = Span::from_ms(20);
+/// The other foot carries the robot: more than half of the weight, summed up over time (Page 1954), comes to this, s. The
+/// whole weight for 16 ms, or a blow of 1.5 weights for 8 ms. A foot that begins or ends to slip looks like it for less.
+const HALF: f64 = 0.5;
+const CARRIED_S: f64 = 0.008;
+/// Longest time that one look stands for, s: ticks may be missing.
+const LONGEST_LOOK_S: f64 = 0.005;
 /// A new stance leg is affirmed or taken back within this time after the touchdown.
 const ON_TRIAL: Span = Span::from_ms(90);
 /// Not before this: the momentum observer needs its time.
@@ -46,6 +48,8 @@ pub(super) enum Verdict {
     Stays,
     /// The other leg stands from now on.
     Changes,
+    /// It does, and the weight alone says so: it has stood for a while.
+    ChangedBefore,
     /// The last change was wrong.
     TakenBack,
 }
@@ -80,25 +84,32 @@ pub(super) struct Detector {
     threshold_m: f64,
     last: Stamp,
     on_trial: bool,
-    carried_since: Option<Stamp>,
+    /// What the weight says for the other foot so far, s.
+    carried_s: f64,
+    looked: Stamp,
     pots: [Pot; TOES],
 }
 
 impl Detector {
     pub(super) fn new(threshold_m: f64) -> Self {
-        Self { threshold_m, last: Stamp::NEVER, on_trial: false, carried_since: None, pots: [Pot::default(); TOES] }
+        Self { threshold_m, last: Stamp::NEVER, on_trial: false, carried_s: 0.0, looked: Stamp::NEVER, pots: [Pot::default(); TOES] }
     }
 
     /// Forgets the last touchdown, not which potentiometers are stuck.
     pub(super) const fn reset(&mut self) {
         self.last = Stamp::NEVER;
         self.on_trial = false;
-        self.carried_since = None;
+        self.carried_s = 0.0;
     }
 
     /// Potentiometers that are no longer asked, by bit.
     pub(super) fn stuck(&self) -> u8 {
         self.pots.iter().rev().fold(0, |bits, pot| bits << 1 | u8::from(pot.stuck))
+    }
+
+    /// The weight begins to say that the other foot stands.
+    pub(super) const fn suspects(&self) -> bool {
+        self.carried_s > 0.0
     }
 
     /// Judges the stance leg.
@@ -123,24 +134,25 @@ impl Detector {
         }
         self.on_trial = true;
         self.last = signs.now;
-        self.carried_since = None;
-        Verdict::Changes
+        self.carried_s = 0.0;
+        if blow { Verdict::Changes } else { Verdict::ChangedBefore }
     }
 
     fn end_trial(&mut self, now: Stamp) {
         self.on_trial = false;
         self.last = now;
-        self.carried_since = None;
+        self.carried_s = 0.0;
     }
 
-    /// The other foot has carried the robot for a while.
+    /// The weight has said for a while that the other foot carries the robot. A blow may throw the weight off again, so its
+    /// sum counts, not its length.
     fn is_carried(&mut self, signs: &Signs<'_>) -> bool {
-        if signs.elsewhere.is_nan() || signs.elsewhere < CARRIES {
-            self.carried_since = None;
-            return false;
-        }
-        let since = *self.carried_since.get_or_insert(signs.now);
-        signs.now.since(since) >= CARRIES_FOR
+        let dt_s = if self.looked == Stamp::NEVER { 0.0 } else { signs.now.since(self.looked).as_s() };
+        self.looked = signs.now;
+        let more_s = (signs.elsewhere - HALF) * dt_s.clamp(0.0, LONGEST_LOOK_S);
+        // NaN says nothing: `max` leaves it out.
+        self.carried_s = (self.carried_s + more_s).max(0.0);
+        self.carried_s > CARRIED_S
     }
 
     /// A toe of the swing leg that can be believed shows a blow.
@@ -248,8 +260,18 @@ mod tests {
     fn a_landing_too_soft_for_the_springs_is_noticed_by_the_weight() {
         let mut walk = Walk::new();
         walk.on(200, AIR, 0.1);
-        assert_eq!(walk.on(25, AIR, 0.9), [Verdict::Changes]);
+        assert_eq!(walk.on(25, AIR, 0.9), [Verdict::ChangedBefore]);
         assert_eq!(walk.stance, Leg::Outer);
+    }
+
+    #[test]
+    fn a_landing_that_the_springs_missed_is_noticed_though_the_blow_throws_the_weight_off_again() {
+        let mut walk = Walk::new();
+        walk.on(200, AIR, 0.1);
+        assert_eq!(walk.on(10, AIR, 1.5), [Verdict::ChangedBefore]);
+        // Less than that is a foot that slips.
+        let mut walk = Walk::new();
+        assert!(walk.on(6, AIR, 1.5).is_empty() && walk.on(200, AIR, 0.45).is_empty());
     }
 
     #[test]
