@@ -92,7 +92,14 @@ pub(super) struct Detector {
 
 impl Detector {
     pub(super) fn new(threshold_m: f64) -> Self {
-        Self { threshold_m, last: Stamp::NEVER, on_trial: false, carried_s: 0.0, looked: Stamp::NEVER, pots: [Pot::default(); TOES] }
+        Self {
+            threshold_m,
+            last: Stamp::NEVER,
+            on_trial: false,
+            carried_s: 0.0,
+            looked: Stamp::NEVER,
+            pots: [Pot::default(); TOES],
+        }
     }
 
     /// Forgets the last touchdown, not which potentiometers are stuck.
