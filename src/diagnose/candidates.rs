@@ -112,9 +112,9 @@ pub fn library(scales: &Scales) -> Vec<Candidate> {
     all
 }
 
-/// On a nearly perfect base a start of the size of the machine moves the simulation beyond what a tangent says; a second,
-/// gentle one does not.
-const GENTLE: f64 = 0.05;
+/// On a nearly perfect base, or one that has made up for what is missing, a start of the size of the machine moves the simulation
+/// beyond what a tangent says; a second, gentle one does not. So every effect has a start near nothing.
+pub const GENTLE: f64 = 0.05;
 
 fn friction(j: &JointScale, scales: &Scales) -> Vec<Candidate> {
     let level = j.torque.max(j.coulomb);
@@ -169,7 +169,10 @@ fn forces(j: &JointScale) -> Vec<Candidate> {
             "parallel_spring",
             &j.name,
             vec![linear("stiffness", 0.0, 1e4 * stiffness), linear("rest", -20.0 * j.travel, 20.0 * j.travel)],
-            vec![vec![stiffness, 0.0], vec![stiffness, -2.0 * j.travel], vec![stiffness, 2.0 * j.travel]],
+            [(1.0, 0.0), (1.0, -2.0), (1.0, 2.0), (GENTLE, 0.0)]
+                .iter()
+                .map(|(times, travels)| vec![times * stiffness, travels * j.travel])
+                .collect(),
         ),
     ]
 }
@@ -243,7 +246,7 @@ fn drive(a: &ActuatorScale, scales: &Scales) -> Vec<Candidate> {
             "torque_limit",
             &a.column,
             vec![linear("limit", 0.02 * a.peak, 1.05 * a.peak)],
-            [0.95, 0.85, 0.7, 0.5].iter().map(|x| vec![x * a.peak]).collect(),
+            [1.0 - 0.1 * GENTLE, 0.95, 0.85, 0.7, 0.5].iter().map(|x| vec![x * a.peak]).collect(),
         ),
     ]
 }
@@ -368,6 +371,7 @@ pub fn look_alike(a: &str, b: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::effect::{EffectKind, Role};
 
     pub(crate) fn scales() -> Scales {
         Scales {
@@ -403,6 +407,27 @@ mod tests {
                 for (x, k) in start.iter().zip(&c.keys) {
                     assert!(*x >= k.min && *x <= k.max, "{} {} = {x} outside [{}, {}]", c.effect, k.name, k.min, k.max);
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn what_has_a_strength_starts_near_nothing_too() {
+        for c in library(&scales()) {
+            let kind = EffectKind::ALL.iter().find(|k| k.id() == c.effect).unwrap();
+            for (k, key) in kind.keys().iter().enumerate() {
+                let Role::Strength(nothing) = key.role else { continue };
+                if !nothing.is_finite() {
+                    continue;
+                }
+                let strengths: Vec<f64> = c.starts.iter().map(|s| (s[k] - nothing).abs()).collect();
+                let most = c.keys[k].max.abs().max(c.keys[k].min.abs());
+                assert!(
+                    strengths.iter().any(|s| *s <= 2.0 * GENTLE * most),
+                    "{} {}: {strengths:?} of {most}",
+                    c.effect,
+                    key.name
+                );
             }
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::candidates::{Candidate, Key, library};
+use crate::diagnose::candidates::{Candidate, GENTLE, Key, library};
 use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::ltv::LtvWindow;
 use crate::diagnose::modes::flexibility;
@@ -177,7 +177,7 @@ fn start_at_line(spring: &mut Candidate, amplitudes: &[f64]) {
     let [stiffness, level] = amplitudes[..] else { return };
     let start = [stiffness, level / stiffness];
     if stiffness > 0.0 && start.iter().zip(&spring.keys).all(|(x, k)| (k.min..=k.max).contains(x)) {
-        spring.starts.push(start.to_vec());
+        spring.starts.extend([start, [GENTLE * start[0], start[1]]].map(Vec::from));
     }
 }
 
@@ -194,8 +194,9 @@ fn orders(scales: &Scales, joint: usize) -> Vec<f64> {
 }
 
 /// Times the amplitude of the scan from which a ripple starts: where friction holds the base, its tangent feels no force,
-/// and where it follows a ripple it was mistuned for it; the scan then finds too little.
-const LOUDER: [f64; 2] = [1.0, 3.0];
+/// and where it follows a ripple it was mistuned for it; the scan then finds too little. A base that has made up for a
+/// ripple is led astray by one of full size: a gentle one shows what the tangent promises.
+const LOUDER: [f64; 3] = [1.0, 3.0, GENTLE];
 
 /// Orders of a scan that are handed on: where the base is far from the truth, the order of a ripple is not the best.
 const ORDERS: usize = 3;
@@ -241,7 +242,7 @@ fn file(now: &FittedModel, window: &LtvWindow) -> Option<String> {
 }
 
 /// Times the impulse of the scan from which a push starts.
-const LOUD: [f64; 3] = [1.0, 2.0, 4.0];
+const LOUD: [f64; 4] = [1.0, 2.0, 4.0, GENTLE];
 
 /// A weak push in noise is seen that much too early or too late, s: seen 67 ms, where a deviation of its time was 13.
 const REACH_S: f64 = 0.1;
