@@ -176,7 +176,7 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) 
     };
     let also = context.is_trapped.then(|| given.counted_with(base));
     let all = forward((&experiment.rig, base), also.as_ref(), library, context, &mut *said);
-    let strict = if all.added.is_empty() { without_slow_noise(&all.base, context) } else { None };
+    let strict = if all.added.is_empty() { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
     said("what passes for noise is slower than noise: again without");
     forward((&experiment.rig, &strict), None, library, context, said)
@@ -208,7 +208,7 @@ fn finished(
     // Before what is left is asked: a name that is refuted does not answer for what it stood for.
     let Kept { found, added, seen } = kept.without_refuted(&base, context);
     said(&format!("what is left, {}", spent(&found)));
-    let strict = without_slow_noise(&base, context).or_else(|| as_leader_hears(&base, &added, &last, context));
+    let strict = without_slow_noise(&base, &last, context).or_else(|| as_leader_hears(&base, &added, &last, context));
     let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), context, said);
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
     let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
@@ -237,10 +237,13 @@ fn is_trapped(base: &FittedModel, experiment: &Experiment) -> bool {
     !at_bounds(&base.clone().with_intervals(), &experiment.rig).is_empty()
 }
 
-/// `base` with its slow noise taken for mismatch, if it has any. A slow mismatch with white noise on top passes for noise of
-/// a long memory, and that swallows whatever would explain it (seen: nine times the noise called consistent).
-fn without_slow_noise(base: &FittedModel, context: &Context) -> Option<FittedModel> {
-    if base.noise.iter().all(|colour| memory(colour) <= LONGEST_MEMORY) {
+/// `base` with slow noise taken for mismatch, if it or a trial of the last round has any. A slow mismatch with white noise on
+/// top passes for noise of a long memory, and that swallows whatever would explain it (seen: nine times the noise called
+/// consistent). A round is judged under the noise that its best trial leaves: of two effects that are missing the one passes for
+/// such noise beside the other, and none gains.
+fn without_slow_noise(base: &FittedModel, last: &[CandidateFit], context: &Context) -> Option<FittedModel> {
+    let is_quick = |of: &FittedModel| of.noise.iter().all(|colour| memory(colour) <= LONGEST_MEMORY);
+    if is_quick(base) && last.iter().all(|trial| is_quick(&trial.hypothesis)) {
         return None;
     }
     let problem = Problem { longest_memory: LONGEST_MEMORY, ..base.problem.clone() };
