@@ -28,6 +28,9 @@ const IN_THE_AIR_M: f64 = 0.045;
 /// whole weight for 16 ms, or a blow of 1.5 weights for 8 ms. A foot that begins or ends to slip looks like it for less.
 const HALF: f64 = 0.5;
 const CARRIED_S: f64 = 0.008;
+/// For each such height of the foot above the ground, by the angles and toe lengths, as much again, m: a push along a leg
+/// looks like weight on a foot that is in the air.
+const UNLIKELY_M: f64 = 0.0033;
 /// Longest time that one look stands for, s: ticks may be missing.
 const LONGEST_LOOK_S: f64 = 0.005;
 /// A new stance leg is affirmed or taken back within this time after the touchdown.
@@ -159,7 +162,7 @@ impl Detector {
         let more_s = (signs.elsewhere - HALF) * dt_s.clamp(0.0, LONGEST_LOOK_S);
         // NaN says nothing: `max` leaves it out.
         self.carried_s = (self.carried_s + more_s).max(0.0);
-        self.carried_s > CARRIED_S
+        self.carried_s > CARRIED_S * (1.0 + signs.height_m.max(0.0) / UNLIKELY_M)
     }
 
     /// A toe of the swing leg that can be believed shows a blow.
@@ -235,11 +238,15 @@ mod tests {
 
         /// So many ms with these springs and this share of the weight elsewhere; says what changed.
         fn on(&mut self, ms: i64, toe_spring_m: [f64; 4], elsewhere: f64) -> Vec<Verdict> {
+            self.on_at(ms, toe_spring_m, elsewhere, 0.0)
+        }
+
+        fn on_at(&mut self, ms: i64, toe_spring_m: [f64; 4], elsewhere: f64, height_m: f64) -> Vec<Verdict> {
             let seen = Snapshot { toe_spring_m, toe_age: Span::from_ms(2), ..Snapshot::default() };
             let mut verdicts = Vec::new();
             for _ in 0..ms {
                 self.now += Span::from_ms(1);
-                let signs = Signs { now: self.now, seen: &seen, stance: self.stance, elsewhere, height_m: 0.0 };
+                let signs = Signs { now: self.now, seen: &seen, stance: self.stance, elsewhere, height_m };
                 let verdict = self.detector.judge(&signs);
                 if verdict != Verdict::Stays {
                     verdicts.push(verdict);
@@ -279,6 +286,18 @@ mod tests {
         // Less than that is a foot that slips.
         let mut walk = Walk::new();
         assert!(walk.on(6, AIR, 1.5).is_empty() && walk.on(200, AIR, 0.45).is_empty());
+    }
+
+    #[test]
+    fn the_higher_the_foot_is_the_longer_must_the_weight_say_that_it_stands() {
+        let noticed_after_ms = |height_m: f64| {
+            let mut walk = Walk::new();
+            walk.on(200, AIR, 0.1);
+            (1..=200).find(|_| !walk.on_at(1, AIR, 1.0, height_m).is_empty())
+        };
+        assert_eq!(noticed_after_ms(-0.01), noticed_after_ms(0.0));
+        assert!(noticed_after_ms(0.0) < Some(20));
+        assert!(noticed_after_ms(0.02) > Some(100));
     }
 
     #[test]
