@@ -411,25 +411,27 @@ mod tests {
         }
     }
 
+    /// The weakest start of a strength beside the strongest one, or beside its range where all are alike.
     #[test]
     fn what_has_a_strength_starts_near_nothing_too() {
         for c in library(&scales()) {
             let kind = EffectKind::ALL.iter().find(|k| k.id() == c.effect).unwrap();
             for (k, key) in kind.keys().iter().enumerate() {
                 let Role::Strength(nothing) = key.role else { continue };
-                if !nothing.is_finite() {
-                    continue;
-                }
-                let strengths: Vec<f64> = c.starts.iter().map(|s| (s[k] - nothing).abs()).collect();
-                let most = c.keys[k].max.abs().max(c.keys[k].min.abs());
-                assert!(
-                    strengths.iter().any(|s| *s <= 2.0 * GENTLE * most),
-                    "{} {}: {strengths:?} of {most}",
-                    c.effect,
-                    key.name
-                );
+                let strengths = c.starts.iter().map(|s| (s[k] - nothing).abs());
+                let (least, most) = strengths.fold((f64::INFINITY, 0.0_f64), |(a, b), x| (a.min(x), b.max(x)));
+                let range = (c.keys[k].max - nothing).abs().max((c.keys[k].min - nothing).abs());
+                let strong = if most > least { most } else { range };
+                assert!(least <= 3.0 * GENTLE * strong, "{} {}: {least} beside {strong}", c.effect, key.name);
             }
         }
+    }
+
+    #[test]
+    fn a_limit_starts_just_below_the_peak_where_it_hardly_acts() {
+        let limit = library(&scales()).into_iter().find(|c| c.effect == "torque_limit").unwrap();
+        let peak = scales().actuators[0].peak;
+        assert!(limit.starts.iter().any(|s| s[0] < peak && s[0] > 0.99 * peak), "{:?}", limit.starts);
     }
 
     #[test]

@@ -31,6 +31,8 @@ pub(super) struct BiasObserver {
     time_s: f64,
     momentum: Option<f64>,
     bias_rad: f64,
+    /// What it was when it was last trusted, rad.
+    trusted_rad: f64,
     /// The next momentum is that of the rates that the observer believes.
     trusts_observer: bool,
 }
@@ -38,7 +40,7 @@ pub(super) struct BiasObserver {
 impl BiasObserver {
     /// Double pole at -1/`time_s`; 0 turns it off.
     pub(super) const fn new(time_s: f64) -> Self {
-        Self { time_s, momentum: None, bias_rad: 0.0, trusts_observer: false }
+        Self { time_s, momentum: None, bias_rad: 0.0, trusted_rad: 0.0, trusts_observer: false }
     }
 
     /// Bias as believed now, rad.
@@ -50,6 +52,7 @@ impl BiasObserver {
     pub(super) const fn reset(&mut self) {
         self.momentum = None;
         self.bias_rad = 0.0;
+        self.trusted_rad = 0.0;
     }
 
     /// It is at work: armed, and not switched off.
@@ -60,7 +63,9 @@ impl BiasObserver {
     /// Somebody else has taken so much of the bias over: the sum stays. A learner that is off has none to give.
     pub(super) fn hand_over(&mut self, rad: f64) {
         if self.time_s > 0.0 {
-            self.bias_rad = (self.bias_rad - rad).clamp(-LARGEST_RAD, LARGEST_RAD);
+            for bias in [&mut self.bias_rad, &mut self.trusted_rad] {
+                *bias = (*bias - rad).clamp(-LARGEST_RAD, LARGEST_RAD);
+            }
         }
     }
 
@@ -70,9 +75,14 @@ impl BiasObserver {
         self.trusts_observer = false;
     }
 
-    /// What was learnt since the bias was this was learnt with the wrong foot.
-    pub(super) const fn take_back(&mut self, rad: f64) {
-        self.bias_rad = rad;
+    /// Nothing speaks against what has been learnt so far.
+    pub(super) const fn trust(&mut self) {
+        self.trusted_rad = self.bias_rad;
+    }
+
+    /// What was learnt since [`Self::trust`] was learnt with the wrong foot.
+    pub(super) const fn take_back(&mut self) {
+        self.bias_rad = self.trusted_rad;
     }
 
     /// Samples are missing, or mix two states: goes on from the rates that the observer believes. A single difference of
@@ -108,4 +118,31 @@ impl BiasObserver {
 fn moment_slope(p: &Normalised<f64>) -> f64 {
     let [_, _, _, c4, c5, c6] = p.c;
     p.w2 * (1.0 - c4 - c5 + 4.0 * c6)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_learnt_with_the_wrong_foot_is_taken_back_and_what_was_handed_over_is_not() {
+        let mut bias = BiasObserver { bias_rad: 0.01, ..BiasObserver::new(0.2) };
+        bias.trust();
+        bias.bias_rad = 0.04;
+        bias.hand_over(0.003);
+        bias.take_back();
+        assert!((bias.bias_rad() - 0.007).abs() < 1e-15, "{}", bias.bias_rad());
+        bias.reset();
+        bias.take_back();
+        assert!(bias.bias_rad().abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_learner_that_is_off_has_no_bias_to_take_back() {
+        let mut off = BiasObserver::new(0.0);
+        off.restart();
+        off.hand_over(0.01);
+        off.take_back();
+        assert!(off.bias_rad().abs() < 1e-15);
+    }
 }

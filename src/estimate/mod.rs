@@ -89,8 +89,6 @@ pub struct Estimator {
     terrain: TerrainZero,
     touchdown: Detector,
     weight: Weight,
-    /// Bias before the weight began to say that the other foot stands, rad.
-    trusted_bias_rad: f64,
     leg_m: f64,
     /// Longest time between IMU samples that tells a rate, s.
     longest_interval_s: f64,
@@ -129,7 +127,6 @@ impl Estimator {
             terrain: TerrainZero::new(robot.lidar.as_ref()),
             touchdown: Detector::new(control.touchdown_spring_m),
             weight: Weight::new(std::f64::consts::TAU / robot.hip.encoder_counts_per_turn),
-            trusted_bias_rad: 0.0,
             leg_m: params.leg_length_m,
             longest_interval_s: SAMPLES * imu_period_s.max(period.as_s()),
             innovation_rad: [0.0; 2],
@@ -145,7 +142,6 @@ impl Estimator {
         self.stance = self.first_stance;
         self.state = None;
         self.bias.reset();
-        self.trusted_bias_rad = 0.0;
         self.terrain.reset();
         self.touchdown.reset();
         self.weight.reset();
@@ -160,7 +156,6 @@ impl Estimator {
         // Only a learner that is at work makes up for what the terrain takes over.
         if self.bias.learns() {
             self.bias.hand_over(moved_rad);
-            self.trusted_bias_rad -= moved_rad;
         }
     }
 
@@ -236,7 +231,7 @@ impl Estimator {
         };
         let verdict = self.touchdown.judge(&signs);
         if !self.touchdown.suspects() && verdict == Verdict::Stays {
-            self.trusted_bias_rad = self.bias.bias_rad();
+            self.bias.trust();
         }
         match (verdict, measured) {
             (Verdict::Stays, _) | (Verdict::TakenBack, None) => {}
@@ -244,7 +239,7 @@ impl Estimator {
                 self.change_stance();
                 self.landed = now;
                 if verdict == Verdict::ChangedBefore {
-                    self.bias.take_back(self.trusted_bias_rad);
+                    self.bias.take_back();
                 }
             }
             (Verdict::TakenBack, Some(m)) => {
