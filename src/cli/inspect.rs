@@ -6,7 +6,7 @@ use super::{Outcome, Run};
 use crate::base::spectrum::band_rms;
 use crate::base::time::Stamp;
 use crate::identify::experiment::mcap::Own;
-use crate::msg::{Fault, RecorderState};
+use crate::msg::RecorderState;
 use crate::record::inspect::{Event, Inspection, inspect};
 use crate::record::scan::Ending;
 use crate::record::stream::Stream;
@@ -181,9 +181,7 @@ fn write_events(out: &mut impl Write, found: &Inspection, most: usize) -> io::Re
 fn describe(event: &Event) -> String {
     match event {
         Event::Mode(mode) => format!("mode {}", mode.name()),
-        Event::Fault(Fault { code, index, value, .. }) => {
-            format!("fault {} {}: index {index}, value {value:?}", *code as u8, code.name())
-        }
+        Event::Fault(fault) => format!("fault {} {fault}", fault.code as u8),
         Event::MissingTicks(expected, came) => format!("recording misses ticks {expected} to {}", came - 1),
         Event::Overrun(periods) => format!("{periods} periods skipped"),
     }

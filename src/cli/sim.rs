@@ -117,7 +117,7 @@ fn print(s: &Summary, length_s: f64, took: Duration, digest: u64) -> io::Result<
     let mut out = io::stdout().lock();
     let took_s = took.as_secs_f64();
     let verdict = if s.stands() { "stands" } else { "does not stand" };
-    writeln!(out, "result     {verdict}, mode {}, first fault {}", s.mode.name(), s.first_fault.code.name())?;
+    writeln!(out, "result     {verdict}, mode {}, first fault {}", s.mode.name(), s.first_fault)?;
     writeln!(out, "simulated  {length_s} s in {took_s:.2} s: {:.0} times real time", length_s / took_s)?;
     writeln!(out, "ticks      {}, armed {}", s.ticks, s.armed_ticks)?;
     if s.steps > 0 {

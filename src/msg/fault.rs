@@ -2,8 +2,11 @@
 //! (told, not latched). RT: yes.
 
 use super::reflect::{message, wire_enum};
+use super::sensor::{BusHealth, DriveState};
+use super::{Drive, Leg};
 use crate::base::time::Stamp;
 use iceoryx2::prelude::ZeroCopySend;
+use std::fmt;
 
 wire_enum! {
     /// What went wrong.
@@ -82,5 +85,72 @@ message! {
         pub stamp: Stamp,
         /// The offending value, unit by code.
         pub value: f64,
+    }
+}
+
+impl fmt::Display for Fault {
+    /// The code's name, and in words what its index and value mean. Not for the real-time threads.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { code, index, value, .. } = *self;
+        let number = usize::from(index);
+        let drive = Drive::ALL.get(number).map_or("?", |drive| drive.words());
+        let whole = value as u32;
+        f.write_str(code.name())?;
+        match code {
+            FaultCode::OperatorStale | FaultCode::ImuStale => write!(f, ": silent for {value:.1} ms"),
+            FaultCode::DriveStale => write!(f, ": drive {drive} silent for {value:.1} ms"),
+            FaultCode::DriveFault => write!(f, ": drive {drive} reports error {whole:#06x}"),
+            FaultCode::DriveNotEnabled => {
+                let state = DriveState::ALL.iter().find(|state| **state as u32 == whole);
+                write!(f, ": drive {drive} is in state {}", state.map_or("?", |state| state.name()))
+            }
+            FaultCode::BusUnhealthy => {
+                let health = BusHealth::ALL.iter().find(|health| **health as u32 == whole);
+                write!(f, ": bus {index} is {}", health.map_or("?", |health| health.name()))
+            }
+            FaultCode::NotFinite => {
+                let source = ["sensor", "estimate", "controller"].get(number).unwrap_or(&"?");
+                write!(f, ": a number of the {source}")
+            }
+            FaultCode::TiltLimit | FaultCode::FellForward | FaultCode::FellBackward => {
+                write!(f, ": {:.1} deg", value.to_degrees())
+            }
+            FaultCode::RateLimit => write!(f, ": {value:.2} rad/s"),
+            FaultCode::EstimateLost => write!(f, ": innovation {value:.4} rad"),
+            FaultCode::Overrun | FaultCode::Late => write!(f, ": {value} periods skipped"),
+            FaultCode::TorqueDemand | FaultCode::TorqueLimited => write!(f, ": {value:.1} Nm asked"),
+            FaultCode::TorqueRateLimited => write!(f, ": {value:.0} Nm/s asked"),
+            FaultCode::NotRealTime => write!(f, ": missing, by bit: {whole:#b}"),
+            FaultCode::OutOfRange => {
+                let sensor = ["leg angle", "hip angle"].get(number).unwrap_or(&"?");
+                write!(f, ": {sensor} {value:.3} rad")
+            }
+            FaultCode::ZeroUnknown | FaultCode::HomingFailed => write!(f, ": drive {drive}"),
+            FaultCode::StanceLost => write!(f, ": {:.0} % of the weight on the other foot", 100.0 * value),
+            FaultCode::ToesBlind => {
+                let leg = Leg::ALL.get(number).map_or("?", |leg| leg.name());
+                write!(f, ": both toes of leg {leg}")
+            }
+            FaultCode::None | FaultCode::DeadManReleased | FaultCode::Stopping => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_says_in_words_what_its_numbers_mean() {
+        let told = |code, index, value| Fault { code, index, value, ..Fault::default() }.to_string();
+        assert_eq!(told(FaultCode::DriveFault, 3, f64::from(0x8130)), "DriveFault: drive outer A reports error 0x8130");
+        assert_eq!(
+            told(FaultCode::DriveNotEnabled, 0, 3.0),
+            format!("DriveNotEnabled: drive hip is in state {}", DriveState::ALL[3].name())
+        );
+        assert_eq!(told(FaultCode::ImuStale, 0, 12.34), "ImuStale: silent for 12.3 ms");
+        assert_eq!(told(FaultCode::TiltLimit, 0, -0.5), "TiltLimit: -28.6 deg");
+        assert_eq!(told(FaultCode::DriveStale, 9, f64::NAN), "DriveStale: drive ? silent for NaN ms");
+        assert_eq!(told(FaultCode::DeadManReleased, 0, 0.0), "DeadManReleased");
     }
 }

@@ -75,3 +75,17 @@ reflect::wire_enum! {
         OuterToeB = 4,
     }
 }
+
+impl Drive {
+    /// Its name for people.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Hip => "hip",
+            Self::InnerToeA => "inner A",
+            Self::InnerToeB => "inner B",
+            Self::OuterToeA => "outer A",
+            Self::OuterToeB => "outer B",
+        }
+    }
+}

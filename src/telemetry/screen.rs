@@ -190,17 +190,10 @@ fn drive_line(state: &State, drive: Drive) -> Line<'static> {
         DriveState::Unknown | DriveState::NotReady => Color::DarkGray,
         _ => WARN,
     };
-    let name = match drive {
-        Drive::Hip => "hip",
-        Drive::InnerToeA => "inner A",
-        Drive::InnerToeB => "inner B",
-        Drive::OuterToeA => "outer A",
-        Drive::OuterToeB => "outer B",
-    };
     let permille = f64::from(feedback.torque_permille) * 0.1;
     let error = if feedback.error_code == 0 { String::new() } else { format!(" {:04x}", feedback.error_code) };
     Line::from(vec![
-        Span::raw(format!("{name:8}")),
+        Span::raw(format!("{:8}", drive.words())),
         colored(format!("{:16}", feedback.state.name()), color),
         Span::raw(format!("{:8}", feedback.position_counts)),
         dim(" cnt"),

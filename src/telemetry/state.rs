@@ -141,13 +141,7 @@ impl State {
         let fault = after.first_fault;
         let is_new = fault.code != before.first_fault.code || fault.stamp != before.first_fault.stamp;
         if fault.code != FaultCode::None && is_new {
-            let text = format!(
-                "fault {} {}, index {}, value {:.3}",
-                fault.code as u8,
-                fault.code.name(),
-                fault.index,
-                fault.value
-            );
+            let text = format!("fault {} {fault}", fault.code as u8);
             self.event_at(tick.input.now, text);
         }
     }

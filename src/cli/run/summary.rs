@@ -56,8 +56,7 @@ fn write_faults(out: &mut impl Write, count: u32, first: &[Fault]) -> io::Result
     }
     writeln!(out, "faults      {faults}")?;
     for fault in first.iter().filter(|fault| !fault.code.is_ordinary_end()) {
-        let Fault { code, index, stamp, value } = fault;
-        writeln!(out, "            {} index {index} value {value:.3} at {:.3} s", code.name(), stamp.as_s())?;
+        writeln!(out, "            {fault} at {:.3} s", fault.stamp.as_s())?;
     }
     Ok(())
 }
