@@ -180,16 +180,31 @@ impl Confirmation {
         out
     }
 
-    /// Of an addition to the readings of `of`, the numbers of which follow: what they mimic is none of it. `quiet`: the noise
-    /// where nothing happens, if it is an event.
+}
+
+/// What additions to the readings of one model promise and gain, the numbers of which follow: what they mimic is none of it.
+pub struct AdditionTest {
+    screen: ScoreTest,
+    noise: Vec<Colour>,
+    is_event: bool,
+}
+
+impl AdditionTest {
+    /// On the runs of `of`. `quiet`: the noise where nothing happens, if the additions are events.
     #[must_use]
-    pub fn of_addition(of: &FittedModel, addition: &Column, quiet: Option<&[Colour]>, floors: &[f64]) -> Option<Self> {
-        let plain = white(&of.residuals, floors);
-        let noise = quiet.unwrap_or(&plain);
-        let (promised, gained) = ScoreTest::new(&of.problem, &of.point, noise)?.as_it_is(addition);
-        let without = above(&of.residuals, noise);
-        let left = quiet.map_or(0.0, |_| part(without - gained, without));
-        Some(Self { promised, gained, left })
+    pub fn new(of: &FittedModel, quiet: Option<Vec<Colour>>, floors: &[f64]) -> Option<Self> {
+        let is_event = quiet.is_some();
+        let noise = quiet.unwrap_or_else(|| white(&of.residuals, floors));
+        Some(Self { screen: ScoreTest::new(&of.problem, &of.point, &noise)?, noise, is_event })
+    }
+
+    /// Of one addition to the readings of the same runs.
+    #[must_use]
+    pub fn told(&self, of: &FittedModel, addition: &Column) -> Confirmation {
+        let (promised, gained) = self.screen.as_it_is(addition);
+        let without = above(&of.residuals, &self.noise);
+        let left = if self.is_event { part(without - gained, without) } else { 0.0 };
+        Confirmation { promised, gained, left }
     }
 }
 

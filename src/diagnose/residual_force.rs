@@ -5,7 +5,7 @@
 use crate::diagnose::change_point::ChangePoint;
 use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::free_curve::FreeCurve;
-use crate::diagnose::held_out::{Confirmation, cut_elsewhere, quiet_noise};
+use crate::diagnose::held_out::{AdditionTest, Confirmation, cut_elsewhere, quiet_noise};
 use crate::diagnose::instants::FreeInstants;
 use crate::diagnose::judge::criterion::{Context, compare};
 use crate::diagnose::judge::nameless::{Excess, asks_for_a_fit, beyond_chance, free_force_threshold, is_removed};
@@ -20,6 +20,7 @@ use crate::diagnose::sentence;
 use crate::identify::noise::{Colour, loss};
 use crate::model::effect::EffectKind;
 use crate::model::rig::Rig;
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 
 /// A mismatch without a name.
@@ -35,6 +36,8 @@ pub struct Unlisted {
     pub share: Option<f64>,
     /// The joint with whose position its force goes, if it does.
     pub over_position_of: Option<usize>,
+    /// True if its force goes with nothing but time: it predicts no other recording.
+    pub is_over_time: bool,
 }
 
 impl Unlisted {
@@ -47,6 +50,7 @@ impl Unlisted {
             places: Vec::new(),
             share: None,
             over_position_of: None,
+            is_over_time: false,
         }
     }
 }
@@ -99,29 +103,70 @@ impl Force {
     }
 }
 
-/// True if `pattern`, a force that `of` lacks, is not borne out where it was not fitted. A force that goes with the state is asked
-/// of recordings that no fit saw; a vibration, and any force if there are none, of the same recordings cut at other instants; a
-/// force that acts at times of its own recording, where it must leave but noise. One that acts all the time and goes with time
-/// alone predicts nothing.
-fn is_refuted_elsewhere(of: &FittedModel, pattern: &Pattern, context: &Context, said: &mut dyn FnMut(&str)) -> bool {
-    let floors = &context.floors;
-    let event = pattern.interval.map(|(recording, ..)| of.problem.recordings[recording].name.clone());
-    if event.is_none() && pattern.is_over_time() && !pattern.is_sine() {
-        return true;
+/// Where a force that `of` lacks is asked whether it holds: prepared when the first one is.
+struct Elsewhere<'f> {
+    of: &'f FittedModel,
+    context: &'f Context,
+    held_out: OnceCell<Option<Examiner>>,
+    cut: OnceCell<Option<Examiner>>,
+}
+
+impl<'f> Elsewhere<'f> {
+    fn of(of: &'f FittedModel, context: &'f Context) -> Self {
+        Self { of, context, held_out: OnceCell::new(), cut: OnceCell::new() }
     }
-    let other = match (context.held_out.as_ref().filter(|_| !pattern.is_over_time()), &event) {
-        (Some(held_out), _) => held_out.predicted_by(of, floors),
-        (None, Some(event)) => cut_elsewhere(of, |r| r.name == *event, floors),
-        (None, None) => cut_elsewhere(of, |_| true, floors),
-    };
-    let quiet = event.map(|event| quiet_noise(of, |r| r.name == event, context));
-    let told = other.and_then(|other| {
-        let addition = pattern.force.response(&ltv_windows(&other)?, pattern.joint);
-        Confirmation::of_addition(&other, &addition, quiet.as_deref(), floors)
-    });
-    let Some(told) = told else { return true };
-    said(&format!("   a force over {}, where it was not fitted: {told}", pattern.over));
-    !told.holds()
+
+    /// True if `pattern` is not borne out where it was not fitted. A force that goes with the state is asked of recordings that
+    /// no fit saw; a vibration, and any force if there are none, of the same recordings cut at other instants; a force that acts
+    /// at times of its own recording, where it must leave but noise. One that acts all the time and goes with time alone
+    /// predicts nothing.
+    fn refutes(&self, pattern: &Pattern, said: &mut dyn FnMut(&str)) -> bool {
+        let Self { of, context, .. } = *self;
+        let floors = &context.floors;
+        let event = pattern.interval.map(|(recording, ..)| of.problem.recordings[recording].name.clone());
+        if event.is_none() && pattern.is_over_time() && !pattern.is_sine() {
+            return true;
+        }
+        let told = match (context.held_out.as_ref().filter(|_| !pattern.is_over_time()), event) {
+            (Some(held_out), None) => {
+                let all = self.held_out.get_or_init(|| Examiner::of(held_out.predicted_by(of, floors)?, None, floors));
+                all.as_ref().and_then(|all| all.asks(pattern))
+            }
+            (None, None) => {
+                let all = self.cut.get_or_init(|| Examiner::of(cut_elsewhere(of, |_| true, floors)?, None, floors));
+                all.as_ref().and_then(|all| all.asks(pattern))
+            }
+            (held_out, Some(event)) => {
+                let other = match held_out {
+                    Some(held_out) => held_out.predicted_by(of, floors),
+                    None => cut_elsewhere(of, |r| r.name == event, floors),
+                };
+                let quiet = quiet_noise(of, |r| r.name == event, context);
+                other.and_then(|other| Examiner::of(other, Some(quiet), floors)?.asks(pattern))
+            }
+        };
+        let Some(told) = told else { return true };
+        said(&format!("   a force over {}, where it was not fitted: {told}", pattern.over));
+        !told.holds()
+    }
+}
+
+/// Runs of a model where it was not fitted, and what an addition to its readings is worth there.
+struct Examiner {
+    runs: FittedModel,
+    windows: Vec<LtvWindow>,
+    addition: AdditionTest,
+}
+
+impl Examiner {
+    fn of(runs: FittedModel, quiet: Option<Vec<Colour>>, floors: &[f64]) -> Option<Self> {
+        let (windows, addition) = (ltv_windows(&runs)?, AdditionTest::new(&runs, quiet, floors)?);
+        Some(Self { runs, windows, addition })
+    }
+
+    fn asks(&self, pattern: &Pattern) -> Option<Confirmation> {
+        Some(self.addition.told(&self.runs, &pattern.force.response(&self.windows, pattern.joint)))
+    }
 }
 
 /// Most curves of the residual force that the report shows.
@@ -169,7 +214,8 @@ pub fn unexplained(
     if is_removed(removed) || excess.leaves_little(on_found) {
         return None;
     }
-    if held.beats_listed() {
+    let mut is_told_by_names = || force.as_ref().is_some_and(|f| f.is_over_time) && bear_out(found, base, context, said);
+    if held.beats_listed() && !is_told_by_names() {
         return Some((force?, true));
     }
     left.and_then(|left| left.force).filter(|(_, on_found)| excess.counts_on_top(*on_found)).map(|(u, _)| (u, false))
@@ -210,7 +256,7 @@ fn changed(
     let at = on_base.at.as_str();
     let sentence = sentence::changed(at, (name, changed.from_s), &numbers);
     let places = base.rig.sensors.first().map(|s| changed.place(&s.column)).into_iter().collect();
-    Some(Unlisted { entry: nameless(at, sentence), places, share: None, over_position_of: None, laws: Vec::new() })
+    Some(Unlisted { places, ..Unlisted::at(at, sentence) })
 }
 
 /// A free force over the position of `joint`, or of one at which a ripple was found, that says more than all that was found.
@@ -242,6 +288,7 @@ fn over_position(
             places: Vec::new(),
             share: Some(part),
             over_position_of: Some(joint),
+            is_over_time: false,
         }
     })
 }
@@ -255,6 +302,16 @@ fn refutes_curve(curve: &FreeCurve, base: &FittedModel, context: &Context, said:
     let told = Confirmation::of(&with, &without, &context.floors);
     said(&format!("   on recordings kept back: {told}"));
     !told.holds()
+}
+
+/// True if recordings that no fit saw speak for the listed effects: a force over time, which explains anything where it was
+/// fitted and predicts nothing, does not stand in their place.
+fn bear_out(found: &FittedModel, base: &FittedModel, context: &Context, said: &mut dyn FnMut(&str)) -> bool {
+    let residuals = |of: &FittedModel| context.held_out.as_ref()?.residuals(&of.rig);
+    let (Some(with), Some(without)) = (residuals(found), residuals(base)) else { return false };
+    let told = Confirmation::of(&with, &without, &context.floors);
+    said(&format!("   the listed effects on recordings kept back: {told}"));
+    told.bears_out(context)
 }
 
 /// Squares of the residual in units of the spread that `base` leaves, outliers pulled in by the loss.
@@ -306,7 +363,8 @@ fn structure(of: &FittedModel, with_time: bool, context: &Context, said: &mut dy
     let name = |p: &Pattern| of.rig.mechanism.coordinates()[p.joint].to_owned();
     // What is too little to count says how little is left, and is not asked.
     let asked = |p: &&Pattern| excess(p) > free_force_threshold(context);
-    let held = patterns.iter().take_while(asked).find(|p| !is_refuted_elsewhere(of, p, context, said));
+    let elsewhere = Elsewhere::of(of, context);
+    let held = patterns.iter().take_while(asked).find(|p| !elsewhere.refutes(p, said));
     let force = held.map(|p| (unlisted(of, p, &patterns), excess(p)));
     Some(Structure { excess: excess(best), at: name(best), force })
 }
@@ -327,6 +385,7 @@ fn unlisted(of: &FittedModel, told: &Pattern, patterns: &[Pattern]) -> Unlisted 
         places: located(of, told),
         share: Some(share),
         over_position_of: told.is_over_position().then_some(told.joint),
+        is_over_time: told.is_over_time(),
     }
 }
 

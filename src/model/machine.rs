@@ -134,6 +134,15 @@ impl<S: Scalar> Machine<S> {
         (self.steps, self.plant.n)
     }
 
+    /// True if nothing in it sticks, strikes or plays: readings then follow the initial state without an edge.
+    #[must_use]
+    pub fn is_smooth(&self) -> bool {
+        let plant = &self.plant;
+        plant.legs().is_none()
+            && plant.axes.iter().all(|axis| axis.dry.is_none())
+            && plant.plays.iter().all(|play| *play == Play::Rigid)
+    }
+
     /// Number of pickups (sensors).
     #[must_use]
     pub fn sensors(&self) -> usize {
