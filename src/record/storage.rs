@@ -93,7 +93,11 @@ impl Shelf for Folder {
             let twin = if attempt > 0 { format!("-{}", char::from(b'a' + attempt % 26)) } else { String::new() };
             let path = self.folder.join(format!("compass-{date}{twin}{parts}.mcap"));
             match OpenOptions::new().write(true).create_new(true).open(&path) {
-                Ok(file) => return Ok((path, Box::new(file))),
+                Ok(file) => {
+                    // Its name survives a power cut too.
+                    File::open(&self.folder)?.sync_all()?;
+                    return Ok((path, Box::new(file)));
+                }
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
             }

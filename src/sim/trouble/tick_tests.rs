@@ -3,9 +3,13 @@
 use super::invariants::Invariants;
 use crate::base::time::{Span, Stamp};
 use crate::config;
-use crate::msg::{BUSES, BusFrame, BusHealth, CanFrame, ImuSample, MAX_IMU, TickInput};
+use crate::config::checked::Config;
+use crate::msg::{
+    BUSES, BusFrame, BusHealth, CanFrame, FloorVerdict, ImuSample, LidarSample, LidarState, MAX_IMU, TickInput,
+};
 use crate::sim::lockstep::Lockstep;
 use proptest::prelude::*;
+use std::path::Path;
 
 /// What is done to an input.
 #[derive(Clone, Debug)]
@@ -49,6 +53,17 @@ enum Tampering {
         zeroings: u32,
         angle: f64,
     },
+    Lidar {
+        age: i64,
+        state: u8,
+        numbers: [f64; 5],
+    },
+}
+
+/// The robot that comes with the program, one with a lidar, and one whose drives do not speak CANopen.
+fn robot(name: Option<&str>) -> Config {
+    let path = name.map(|name| Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples").join(name));
+    config::load(path.as_deref(), &[]).unwrap().config
 }
 
 fn any_number() -> impl Strategy<Value = f64> {
@@ -100,6 +115,8 @@ fn tampering() -> impl Strategy<Value = Tampering> {
             .prop_map(|(age, numbers, has_attitude)| Tampering::Imu { age, numbers, has_attitude }),
         3 => (any_time(), any::<bool>(), any::<u32>(), any_number())
             .prop_map(|(age, held, zeroings, angle)| Tampering::Hand { age, held, zeroings, angle }),
+        2 => (any_time(), 0_u8..10, prop::array::uniform5(any_number()))
+            .prop_map(|(age, state, numbers)| Tampering::Lidar { age, state, numbers }),
     ]
 }
 
@@ -152,6 +169,20 @@ impl Tampering {
                 (hand.stamp, hand.dead_man) = (at(age), held);
                 (hand.zeroings, hand.zero_angle_rad) = (zeroings, angle);
             }
+            Self::Lidar { age, state, numbers: [lean, lean_sigma, height, height_sigma, roughness] } => {
+                input.lidar = LidarSample {
+                    stamp: at(age),
+                    arrived: at(age),
+                    state: LidarState::from_u8(state).unwrap_or(LidarState::Gone),
+                    verdict: FloorVerdict::Found,
+                    lean_rad: lean,
+                    lean_sigma_rad: lean_sigma,
+                    height_m: height,
+                    height_sigma_m: height_sigma,
+                    roughness_m: roughness,
+                    ..LidarSample::default()
+                };
+            }
         }
     }
 }
@@ -161,10 +192,11 @@ proptest! {
     #[test]
     fn whatever_is_fed_to_the_tick_the_invariants_hold(
         // Before homing, while homing, about to arm, balancing.
+        name in prop::sample::select(vec![None, Some("lidar.toml"), Some("mit.toml")]),
         undisturbed in prop::sample::select(vec![0_u32, 150, 400, 520, 700, 1500]),
         ticks in prop::collection::vec(prop::option::weighted(0.3, prop::collection::vec(tampering(), 1..4)), 1..150),
     ) {
-        let config = config::load(None, &[]).unwrap().config;
+        let config = robot(name);
         let mut lockstep = Lockstep::with_rearming_hand(&config).unwrap();
         let mut invariants = Invariants::new(&config);
         for _ in 0..undisturbed {
