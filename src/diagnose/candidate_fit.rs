@@ -9,8 +9,8 @@ use crate::identify::fit::Limits;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Rig, Side, Value};
 
-/// A search should end within this effort: some 20 s on two cores. Counted effort gives the same answer on any computer.
-pub const MOST_EFFORT: u64 = 500_000_000;
+/// A search should end within this effort: some 30 s on two cores. Counted effort gives the same answer on any computer.
+pub const MOST_EFFORT: u64 = 800_000_000;
 
 /// A candidate, fitted.
 #[derive(Clone, Debug)]

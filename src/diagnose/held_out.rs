@@ -179,7 +179,6 @@ impl Confirmation {
         }
         out
     }
-
 }
 
 /// What additions to the readings of one model promise and gain, the numbers of which follow: what they mimic is none of it.

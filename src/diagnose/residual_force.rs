@@ -214,7 +214,8 @@ pub fn unexplained(
     if is_removed(removed) || excess.leaves_little(on_found) {
         return None;
     }
-    let mut is_told_by_names = || force.as_ref().is_some_and(|f| f.is_over_time) && bear_out(found, base, context, said);
+    let mut is_told_by_names =
+        || force.as_ref().is_some_and(|f| f.is_over_time) && bear_out(found, base, context, said);
     if held.beats_listed() && !is_told_by_names() {
         return Some((force?, true));
     }
@@ -530,4 +531,39 @@ fn located(found: &FittedModel, p: &Pattern) -> Vec<Place> {
         region: None,
         band_hz: None,
     }]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::held_out::HeldOut;
+    use crate::identify::experiment::{Experiment, Recording};
+    use crate::model::rig::Use;
+    use std::sync::Arc;
+
+    const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = 0.004\n";
+
+    /// Whether the same samples, as a recording that was kept back, speak for drag where there is `hidden`.
+    fn borne_out(hidden: &str) -> bool {
+        let Shown { context, problem } = shown(hidden);
+        let (base, found) = (problem.fitted("", 20, &context), problem.fitted(DRAG, 20, &context));
+        let kept_back = Recording { usage: Use::Heldout, ..found.problem.recordings[0].clone() };
+        let experiment = Experiment { rig: base.rig.clone(), recordings: vec![kept_back] };
+        let told = |held_out| {
+            bear_out(
+                &found,
+                &base,
+                &crate::diagnose::judge::criterion::Context { held_out, ..context.clone() },
+                &mut |_| {},
+            )
+        };
+        assert!(!told(None), "nothing was kept back");
+        told(HeldOut::of(&experiment, &base.rig).map(Arc::new))
+    }
+
+    #[test]
+    fn what_predicts_a_recording_kept_back_is_borne_out_and_what_spoils_it_is_not() {
+        assert!(borne_out(DRAG) && !borne_out(""));
+    }
 }

@@ -171,7 +171,7 @@ const CLOSE: f64 = 0.3;
 const BATCH: usize = 8;
 /// Part of what is left of [`MOST_EFFORT`] that a round may spend on fits that one step does not recommend. One step says
 /// little where the law is bent: a bristle whose round promised a sixth of the leader's gain brought five times as much.
-const CURIOSITY: u64 = 5;
+const CURIOSITY: u64 = 8;
 /// Once an effect is found, the best promise that asks for that, in parts of what is worth it: little may be left.
 const CURIOUS: f64 = 2.0;
 
@@ -238,7 +238,7 @@ pub fn round(
     let kept = |trial: &CandidateFit| {
         let hypothesis = &trial.hypothesis;
         !has_more_states(base, hypothesis)
-            || trial.gain > 0.0 && has_continuous_states(base, hypothesis, &context.floors)
+            || trial.gain > 0.0 && has_continuous_states(fitted, hypothesis, &context.floors)
     };
     trials = all.filter(kept).collect();
     trials.extend(earlier);

@@ -15,6 +15,7 @@ use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit_states};
 use crate::identify::problem::Problem;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Rig, Value};
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// Part of the gain of `richer` over `plain` that is left when its inner states go on from window to window, coordinates
@@ -24,9 +25,13 @@ pub fn gain_ratio_with_continuous_states(plain: &FittedModel, richer: &FittedMod
     if !has_more_states(plain, richer) || richer.problem.windows.len() == richer.problem.recordings.len() {
         return None;
     }
-    let through = carried(&richer.problem, &richer.point, None);
-    let rigid: Vec<usize> = (0..through.states.len()).map(|w| richer.problem.rigid(w)).collect();
-    let inner: Vec<Vec<f64>> = through.states.iter().zip(&rigid).map(|(state, rigid)| state[*rigid..].to_vec()).collect();
+    let arrived: Vec<Option<Vec<f64>>> =
+        (0..richer.problem.windows.len()).into_par_iter().map(|w| before(&richer.problem, &richer.point, w)).collect();
+    let rigid: Vec<usize> = (0..arrived.len()).map(|w| richer.problem.rigid(w)).collect();
+    let inner = |((state, arrived), rigid): ((&Vec<f64>, &Option<Vec<f64>>), &usize)| {
+        arrived.as_ref().filter(|a| a.len() == state.len()).unwrap_or(state)[*rigid..].to_vec()
+    };
+    let inner: Vec<Vec<f64>> = richer.point.states.iter().zip(&arrived).zip(&rigid).map(inner).collect();
     let held = richer.problem.with_rig(known(&richer.rig));
     let runs = Carried { problem: &held, inner: &inner, rigid: &rigid };
     let start = richer.point.states.iter().zip(&rigid).map(|(s, rigid)| s[..*rigid].to_vec()).collect();
@@ -82,26 +87,16 @@ pub fn is_externally_driven(of: &FittedModel, e: usize, floors: &[f64]) -> bool 
 /// window's, or from rest.
 fn unbroken(of: &FittedModel, rig: &Rig, from_rest: bool) -> Option<Residuals> {
     let held = of.problem.with_rig(known(rig));
-    let at = Point { parameters: Vec::new(), states: of.point.states.clone() };
-    let rest = from_rest.then(|| held.start().states);
-    let at = carried(&held, &at, rest.as_deref());
-    held.residuals(&at)
-}
-
-/// `at` with inner states that go on through each recording: those of its first window stay, or start as in `first`; each later
-/// window starts where the one before, started so, arrives. One that started where a free fit of the window before arrives would
-/// still be free: what the fit of each window makes of it is an estimate of whatever force acts there (a soft spring in a motor
-/// that cogs).
-fn carried(problem: &Problem, at: &Point, first: Option<&[Vec<f64>]>) -> Point {
-    let mut at = at.clone();
-    for w in 0..at.states.len() {
-        let inner = before(problem, &at, w).or_else(|| first.map(|first| first[w].clone()));
+    let mut at = Point { parameters: Vec::new(), states: of.point.states.clone() };
+    let rest = held.start().states;
+    for (w, rest) in rest.iter().enumerate() {
+        let rigid = held.rigid(w);
+        let inner = before(&held, &at, w).or_else(|| from_rest.then(|| rest.clone()));
         if let Some(inner) = inner.filter(|i| i.len() == at.states[w].len()) {
-            let rigid = problem.rigid(w);
             at.states[w][rigid..].copy_from_slice(&inner[rigid..]);
         }
     }
-    at
+    held.residuals(&at)
 }
 
 /// A few steps from the free fit tell.

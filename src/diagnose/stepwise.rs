@@ -6,6 +6,7 @@
 
 use crate::diagnose::base::anew;
 use crate::diagnose::basin_hopping::escape_local_minimum;
+use crate::diagnose::budget::{allowance, within};
 use crate::diagnose::candidate_fit::{CandidateFit, MOST_EFFORT, SelectedEffect, refit_without};
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::cross_validation::LeaveOneRecordingOut;
@@ -20,6 +21,7 @@ use crate::diagnose::judge::simplicity::order_by_penalised_gain;
 use crate::diagnose::judge::verdict::is_far_beyond_chance;
 use crate::diagnose::likelihood::is_misfit;
 use crate::diagnose::round::{merged, promises_little, round};
+use crate::identify::fit::Limits;
 use crate::model::rig::Rig;
 use rayon::prelude::*;
 use std::cell::OnceCell;
@@ -103,6 +105,25 @@ fn out_of_local_minimum(
     trial
 }
 
+/// Steps to the end of a fit whose first steps were made among many.
+const TO_THE_END: Limits = Limits { iterations: 25, tolerance: 1e-5 };
+
+/// `trial` of a round on top of `now` fitted on until it stands; `None` if it is none then: a number at its bound was cut off, not
+/// found.
+fn fitted_to_the_end(now: &FittedModel, trial: &CandidateFit, context: &Context) -> Option<CandidateFit> {
+    let from = &trial.hypothesis;
+    let how = (&from.noise[..], TO_THE_END);
+    let last = within(allowance(now), now, from.problem.clone(), from.point.clone(), how, context)?;
+    if !is_admissible(&last, last.rig.effects.len() - 1, context) {
+        return None;
+    }
+    let gained = compare(&last, from, context).total;
+    if gained <= 0.0 {
+        return Some(trial.clone());
+    }
+    Some(CandidateFit { hypothesis: last, gain: trial.gain + gained, ..trial.clone() })
+}
+
 /// Leaders of a first round that are fitted anew, and the part of the first one's gain from which they are.
 const ANEW: usize = 3;
 const LEADS: f64 = 0.3;
@@ -183,8 +204,8 @@ struct Search<'s> {
     explained: f64,
     restarts: usize,
     last_cost: u64,
-    /// What rounds cost that only freed the base from a false minimum.
-    in_vain: u64,
+    /// What rounds cost that only freed the base from a false minimum, or were made from a second place.
+    beside: u64,
     /// Trials on top of a worse base.
     stood: Vec<CandidateFit>,
 }
@@ -199,8 +220,8 @@ impl<'s> Search<'s> {
     ) -> Self {
         let (added, last) = (Vec::new(), Vec::new());
         let all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
-        let (explained, restarts, last_cost, in_vain, stood) = (0.0, 0, 0, 0, Vec::new());
-        Self { given, also, library, context, all, explained, restarts, last_cost, in_vain, stood }
+        let (explained, restarts, last_cost, beside, stood) = (0.0, 0, 0, 0, Vec::new());
+        Self { given, also, library, context, all, explained, restarts, last_cost, beside, stood }
     }
 
     fn spent(&self) -> u64 {
@@ -209,7 +230,7 @@ impl<'s> Search<'s> {
 
     /// True if another round should end in time, by what the last one took: an answer with fewer effects is better than none.
     fn has_time(&self) -> bool {
-        self.spent() + self.last_cost <= MOST_EFFORT + self.in_vain
+        self.spent() + self.last_cost <= MOST_EFFORT + self.beside
     }
 
     /// Another round on top of what was found; false where that ends the search.
@@ -225,8 +246,10 @@ impl<'s> Search<'s> {
         self.last_cost = self.spent() - spent;
         if let Some(also) = self.also.filter(|_| self.all.added.is_empty()) {
             said("the same from the numbers as given");
+            let before = self.spent();
             let more = round(also, (&self.all.found, Vec::new()), &(self.library)(also), self.context, &mut *said);
             self.all.last = merged(&self.all.found, std::mem::take(&mut self.all.last), more, self.context);
+            self.beside += self.spent() - before;
         }
         true
     }
@@ -281,23 +304,52 @@ impl<'s> Search<'s> {
     fn go_on_from(&mut self, better: FittedModel, i: usize, said: &mut dyn FnMut(&str)) {
         said(&format!("   {} only shook the fit free: again from there", self.all.last[i].candidate.effect));
         self.restarts += 1;
-        self.in_vain += self.last_cost;
+        self.beside += self.last_cost;
         self.stood = std::mem::take(&mut self.all.last);
         self.all.go_on_from(better);
     }
 
-    /// The first of the best candidates of the round that is accepted. `left_out`: made when needed.
-    fn accepted(&self, left_out: &OnceCell<Option<LeaveOneRecordingOut>>, said: &mut dyn FnMut(&str)) -> Option<usize> {
+    /// The first of the best candidates of the round that is accepted, and still admissible when it is fitted to the end; one that
+    /// then runs to its bound leaves the round. `left_out`: made when needed.
+    fn accepted(
+        &mut self,
+        left_out: &OnceCell<Option<LeaveOneRecordingOut>>,
+        said: &mut dyn FnMut(&str),
+    ) -> Option<usize> {
+        let mut i = 0;
+        while i < self.all.last.len().min(TRIED) {
+            if !self.is_believed(i, left_out, said) {
+                i += 1;
+                continue;
+            }
+            match fitted_to_the_end(&self.all.found, &self.all.last[i], self.context) {
+                Some(trial) => {
+                    self.all.last[i] = trial;
+                    return Some(i);
+                }
+                None => {
+                    let dropped = self.all.last.remove(i);
+                    said(&format!("   {} runs to its bound when it is fitted on", dropped.candidate.effect));
+                }
+            }
+        }
+        None
+    }
+
+    fn is_believed(
+        &self,
+        i: usize,
+        left_out: &OnceCell<Option<LeaveOneRecordingOut>>,
+        said: &mut dyn FnMut(&str),
+    ) -> bool {
         let (now, all, context) = (&self.all.found, &self.all.last[..], self.context);
-        (0..all.len().min(TRIED)).find(|i| {
-            let trial = &all[*i];
-            let kept = || {
-                let left_out = left_out.get_or_init(|| LeaveOneRecordingOut::of(now, &context.floors)).as_ref();
-                left_out.and_then(|l| l.cross_validated_gain_ratio(&trial.hypothesis, &context.floors))
-            };
-            !has_unresolved_order(now, trial, all, context)
-                && is_accepted(now, (trial, all), self.explained, kept, context, said)
-        })
+        let trial = &all[i];
+        let kept = || {
+            let left_out = left_out.get_or_init(|| LeaveOneRecordingOut::of(now, &context.floors)).as_ref();
+            left_out.and_then(|l| l.cross_validated_gain_ratio(&trial.hypothesis, &context.floors))
+        };
+        !has_unresolved_order(now, trial, all, context)
+            && is_accepted(now, (trial, all), self.explained, kept, context, said)
     }
 
     /// Adds candidate `i` of the round, and asks those before it again.
@@ -381,5 +433,28 @@ fn tell(trials: &[CandidateFit], context: &Context, said: &mut dyn FnMut(&str)) 
         let values: Vec<f64> = effect.map(|e| e.values.iter().map(|v| v.value).collect()).unwrap_or_default();
         let (effect, at) = (t.candidate.effect, &t.candidate.at);
         said(&format!("   {effect:20} {at:12} gain {:9.1} of {} {values:.4?}", t.gain, context.samples));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::candidate_fit::worked::{Shown, shown};
+
+    #[test]
+    fn a_number_that_runs_to_its_bound_is_none_and_one_that_is_found_gains() {
+        let lag = |value: &str| format!("[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = {value}\n");
+        let Shown { context, problem } = shown(&lag("0.02"));
+        let base = problem.fitted("", 20, &context);
+        let last = |most: f64| {
+            let text = lag(&format!("{{ value = 0.002, min = 0.0, max = {most} }}"));
+            let trial = problem.trial("actuator_lag", "u", &text, 1, 100.0, &context);
+            (fitted_to_the_end(&base, &trial, &context), trial)
+        };
+        assert!(last(0.01).0.is_none());
+        let (found, trial) = last(0.2);
+        let found = found.unwrap();
+        assert!(found.gain > trial.gain, "{} {}", found.gain, trial.gain);
+        assert!((found.hypothesis.rig.effects.last().unwrap().values[0].value / 0.02 - 1.0).abs() < 0.05);
     }
 }

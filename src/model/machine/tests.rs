@@ -73,6 +73,14 @@ fn step_shows_fourth_order() {
 }
 
 #[test]
+fn what_sticks_plays_or_steps_is_not_smooth() {
+    let smooth = |text: &str, effects: &str| machine(&rig(text, effects), None).is_smooth();
+    assert!(smooth(DOUBLE, "") && smooth(SLIDER, &effect("parallel_spring", "q1", "stiffness = 50.0\nrest = 0.0")));
+    assert!(!smooth(SLIDER, &effect("coulomb_friction", "q1", "coulomb = 1.0")));
+    assert!(!smooth(SLIDER, &effect("backlash", "q1", "gap = 0.01\nrotor_inertia = 0.1")));
+}
+
+#[test]
 fn coulomb_friction_takes_the_textbook_amount_per_half_swing() {
     // Spring and Coulomb friction: the amplitude falls by 2 mu/k every half period, exactly, and then it sticks.
     let effects = effect("parallel_spring", "q1", "stiffness = 50.0\nrest = 0.0")
