@@ -4,7 +4,7 @@
 //! 1. [`pipeline`]: the base fit ([`base`]), outliers left out, the noise that it leaves ([`likelihood`]).
 //! 2. [`stepwise`]: forward selection. In a [`round`] every candidate of the library ([`candidates`], [`initial_guesses`]) is scored
 //!    by what one linear step promises ([`score_test`]); the best are fitted in full, jointly with all base parameters.
-//!    The first that is accepted is added; then the next round.
+//!    The first that is accepted, and stays off its bounds when it is fitted to the end, is added; then the next round.
 //! 3. [`pairwise_exchange`], [`mod@exchange`], [`mod@converge_rivals`]: neighbours of the selected model, each kept if better.
 //! 4. [`residual_force`]: does a force without a name say more ([`free_curve`], [`change_point`])? Are all recordings of one
 //!    machine ([`pooling_test`])?
@@ -24,7 +24,7 @@
 //! | a further effect? | 2, 4 or 15 % of what those before it gained | [`judge::accept`] |
 //! | which of two? | 10 ahead; the simpler one with .95 of the gain | [`judge::exchange`], [`judge::simplicity`] |
 //! | what stands beside it? | within two deviations, or within the error of form | [`judge::credible_set`] |
-//! | nothing of the library? | a free force ahead of all that was listed, that predicts | [`judge::nameless`] |
+//! | nothing of the library? | a free force ahead of all that was listed, that predicts; over time, only where recordings kept back do not bear out what was listed | [`judge::nameless`], [`residual_force`] |
 //! | or is it only late? | the same gain beside readings that are off by a row | [`judge::accept`], [`instants`] |
 //! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back; an event in its own, cut at other instants, where it leaves but noise; a force without a name whatever it promises | [`judge::verdict`], [`held_out`] |
 //! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
