@@ -255,6 +255,22 @@ fn dropping_the_goal_takes_the_torque_off_in_the_next_cycle(case: Case) {
     w.enable_again();
 }
 
+fn a_torque_of_zero_follows_the_frame_in_flight_once(case: Case) {
+    let mut w = Walk::enabled(case);
+    w.command(DriveGoal::Enabled, 100);
+    w.ticks(50);
+    w.plant.set_bus_silent(w.bus, true);
+    w.ticks(4);
+    let sent = |w: &mut Walk| {
+        w.tick();
+        // The master's own heartbeat goes on.
+        w.sent[w.bus].iter().filter(|frame| frame.frame.id != 0x77F).count()
+    };
+    assert_eq!(sent(&mut w), 0, "a command is in flight, and the next would only pile up");
+    w.command(DriveGoal::Enabled, 0);
+    assert_eq!((0..4).map(|_| sent(&mut w)).sum::<usize>(), 1, "zero goes out at its next turn, once");
+}
+
 fn a_silent_drive_grows_old_and_is_lost_and_comes_back(case: Case) {
     let mut w = Walk::enabled(case);
     w.command(DriveGoal::Enabled, 300);
@@ -435,6 +451,7 @@ macro_rules! drive_laws {
                 torque_and_position_come_through_in_both_directions position_is_at_most_two_cycles_old
                 dropping_the_goal_takes_the_torque_off_in_the_next_cycle
                 a_silent_drive_grows_old_and_is_lost_and_comes_back
+                a_torque_of_zero_follows_the_frame_in_flight_once
                 a_drive_that_restarts_stays_off_until_the_goal_was_dropped
                 a_fault_is_told_with_its_code_and_forgotten_only_after_the_goal_was_dropped
                 a_killed_master_leaves_no_torque_within_a_hundred_milliseconds

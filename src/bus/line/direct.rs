@@ -190,6 +190,8 @@ pub(super) struct Direct {
     /// The goal must drop below enabled before the drive is cleared or enabled again.
     held_back: bool,
     goal: DriveGoal,
+    /// Torque of the command that was sent last.
+    torque_permille: i16,
     /// The drive says that it has power.
     on: bool,
     hold_counts: Option<i32>,
@@ -230,6 +232,7 @@ impl Direct {
             agreement: Agreement::default(),
             held_back: true,
             goal: DriveGoal::Disabled,
+            torque_permille: 0,
             on: false,
             hold_counts: None,
         })
@@ -410,14 +413,15 @@ impl Direct {
         phase % self.slot.divisor == self.slot.command || command.goal < self.goal
     }
 
-    /// The command takes the goal away from what was sent last.
+    /// The command takes goal or torque away from what was sent last.
     pub(super) fn is_lowered_by(&self, command: &DriveCommand) -> bool {
-        command.goal < self.goal
+        command.goal < self.goal || (self.torque_permille != 0 && command.torque_permille == 0)
     }
 
     /// The frame of this turn, one step towards the goal.
     pub(super) fn command(&mut self, now: Stamp, command: &DriveCommand) -> CanFrame {
         self.goal = command.goal;
+        self.torque_permille = 0;
         // The oldest in flight counts.
         self.command_in_flight.get_or_insert(now);
         self.owed = self.owed.saturating_add(1).min(2);
@@ -464,6 +468,7 @@ impl Direct {
             }
             DriveMode::CyclicPosition => (self.position(command), 0),
         };
+        self.torque_permille = torque;
         self.agreement.note(torque);
         of_speaker!(&mut self.speaker, s => s.follow(setpoint))
     }
