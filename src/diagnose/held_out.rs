@@ -127,14 +127,19 @@ impl Confirmation {
         without: &FittedModel,
         context: &Context,
     ) -> Option<Self> {
-        let Some(only) = &candidate.only else {
-            let residuals = |of: &FittedModel| context.held_out.as_ref()?.residuals(&of.rig);
-            return Some(Self::of(&residuals(with)?, &residuals(without)?, &context.floors));
-        };
+        let Some(only) = &candidate.only else { return Self::on_kept_back(with, without, context) };
         let own = |of: &FittedModel| Some(cut_elsewhere(of, |r| r.name == *only, &context.floors)?.residuals);
         let (happened, not) = (own(with)?, own(without)?);
         let noise = quiet_noise(with, |r| r.name == *only, context);
         Some(Self::of_event(&happened, &not, &noise, context))
+    }
+
+    /// Of what `with` has and `without` has not, by the recordings that were kept back. `None` if there are none, or one of the two
+    /// runs away there.
+    #[must_use]
+    pub fn on_kept_back(with: &FittedModel, without: &FittedModel, context: &Context) -> Option<Self> {
+        let residuals = |of: &FittedModel| context.held_out.as_ref()?.residuals(&of.rig);
+        Some(Self::of(&residuals(with)?, &residuals(without)?, &context.floors))
     }
 
     /// Of an event, in the recording in which it happened. `noise`: where nothing happens.
@@ -184,25 +189,24 @@ impl Confirmation {
 /// What additions to the readings of one model promise and gain, the numbers of which follow: what they mimic is none of it.
 pub struct AdditionTest {
     screen: ScoreTest,
-    noise: Vec<Colour>,
-    is_event: bool,
+    /// Squares above noise without an addition, if the additions are events.
+    event: Option<f64>,
 }
 
 impl AdditionTest {
     /// On the runs of `of`. `quiet`: the noise where nothing happens, if the additions are events.
     #[must_use]
-    pub fn new(of: &FittedModel, quiet: Option<Vec<Colour>>, floors: &[f64]) -> Option<Self> {
-        let is_event = quiet.is_some();
-        let noise = quiet.unwrap_or_else(|| white(&of.residuals, floors));
-        Some(Self { screen: ScoreTest::new(&of.problem, &of.point, &noise)?, noise, is_event })
+    pub fn new(of: &FittedModel, quiet: Option<&[Colour]>, floors: &[f64]) -> Option<Self> {
+        let plain = white(&of.residuals, floors);
+        let screen = ScoreTest::new(&of.problem, &of.point, quiet.unwrap_or(&plain))?;
+        Some(Self { screen, event: quiet.map(|noise| above(&of.residuals, noise)) })
     }
 
-    /// Of one addition to the readings of the same runs.
+    /// Of one addition.
     #[must_use]
-    pub fn told(&self, of: &FittedModel, addition: &Column) -> Confirmation {
+    pub fn told(&self, addition: &Column) -> Confirmation {
         let (promised, gained) = self.screen.as_it_is(addition);
-        let without = above(&of.residuals, &self.noise);
-        let left = if self.is_event { part(without - gained, without) } else { 0.0 };
+        let left = self.event.map_or(0.0, |without| part(without - gained, without));
         Confirmation { promised, gained, left }
     }
 }

@@ -127,23 +127,17 @@ impl<'f> Elsewhere<'f> {
         if event.is_none() && pattern.is_over_time() && !pattern.is_sine() {
             return true;
         }
-        let told = match (context.held_out.as_ref().filter(|_| !pattern.is_over_time()), event) {
-            (Some(held_out), None) => {
-                let all = self.held_out.get_or_init(|| Examiner::of(held_out.predicted_by(of, floors)?, None, floors));
-                all.as_ref().and_then(|all| all.asks(pattern))
-            }
-            (None, None) => {
-                let all = self.cut.get_or_init(|| Examiner::of(cut_elsewhere(of, |_| true, floors)?, None, floors));
-                all.as_ref().and_then(|all| all.asks(pattern))
-            }
-            (held_out, Some(event)) => {
-                let other = match held_out {
-                    Some(held_out) => held_out.predicted_by(of, floors),
-                    None => cut_elsewhere(of, |r| r.name == event, floors),
-                };
-                let quiet = quiet_noise(of, |r| r.name == event, context);
-                other.and_then(|other| Examiner::of(other, Some(quiet), floors)?.asks(pattern))
-            }
+        let told = if let Some(event) = event {
+            let quiet = quiet_noise(of, |r| r.name == event, context);
+            let runs = cut_elsewhere(of, |r| r.name == event, floors);
+            runs.and_then(|runs| Some(Examiner::of(&runs, Some(&quiet), floors)?.asks(pattern)))
+        } else {
+            let (kept, runs): (_, &dyn Fn() -> Option<FittedModel>) = match &context.held_out {
+                Some(held_out) if !pattern.is_over_time() => (&self.held_out, &|| held_out.predicted_by(of, floors)),
+                _ => (&self.cut, &|| cut_elsewhere(of, |_| true, floors)),
+            };
+            let examiner = kept.get_or_init(|| Examiner::of(&runs()?, None, floors));
+            examiner.as_ref().map(|examiner| examiner.asks(pattern))
         };
         let Some(told) = told else { return true };
         said(&format!("   a force over {}, where it was not fitted: {told}", pattern.over));
@@ -153,19 +147,17 @@ impl<'f> Elsewhere<'f> {
 
 /// Runs of a model where it was not fitted, and what an addition to its readings is worth there.
 struct Examiner {
-    runs: FittedModel,
     windows: Vec<LtvWindow>,
     addition: AdditionTest,
 }
 
 impl Examiner {
-    fn of(runs: FittedModel, quiet: Option<Vec<Colour>>, floors: &[f64]) -> Option<Self> {
-        let (windows, addition) = (ltv_windows(&runs)?, AdditionTest::new(&runs, quiet, floors)?);
-        Some(Self { runs, windows, addition })
+    fn of(runs: &FittedModel, quiet: Option<&[Colour]>, floors: &[f64]) -> Option<Self> {
+        Some(Self { windows: ltv_windows(runs)?, addition: AdditionTest::new(runs, quiet, floors)? })
     }
 
-    fn asks(&self, pattern: &Pattern) -> Option<Confirmation> {
-        Some(self.addition.told(&self.runs, &pattern.force.response(&self.windows, pattern.joint)))
+    fn asks(&self, pattern: &Pattern) -> Confirmation {
+        self.addition.told(&pattern.force.response(&self.windows, pattern.joint))
     }
 }
 
@@ -308,9 +300,7 @@ fn refutes_curve(curve: &FreeCurve, base: &FittedModel, context: &Context, said:
 /// True if recordings that no fit saw speak for the listed effects: a force over time, which explains anything where it was
 /// fitted and predicts nothing, does not stand in their place.
 fn bear_out(found: &FittedModel, base: &FittedModel, context: &Context, said: &mut dyn FnMut(&str)) -> bool {
-    let residuals = |of: &FittedModel| context.held_out.as_ref()?.residuals(&of.rig);
-    let (Some(with), Some(without)) = (residuals(found), residuals(base)) else { return false };
-    let told = Confirmation::of(&with, &without, &context.floors);
+    let Some(told) = Confirmation::on_kept_back(found, base, context) else { return false };
     said(&format!("   the listed effects on recordings kept back: {told}"));
     told.bears_out(context)
 }
@@ -550,14 +540,7 @@ mod tests {
         let (base, found) = (problem.fitted("", 20, &context), problem.fitted(DRAG, 20, &context));
         let kept_back = Recording { usage: Use::Heldout, ..found.problem.recordings[0].clone() };
         let experiment = Experiment { rig: base.rig.clone(), recordings: vec![kept_back] };
-        let told = |held_out| {
-            bear_out(
-                &found,
-                &base,
-                &crate::diagnose::judge::criterion::Context { held_out, ..context.clone() },
-                &mut |_| {},
-            )
-        };
+        let told = |held_out| bear_out(&found, &base, &Context { held_out, ..context.clone() }, &mut |_| {});
         assert!(!told(None), "nothing was kept back");
         told(HeldOut::of(&experiment, &base.rig).map(Arc::new))
     }

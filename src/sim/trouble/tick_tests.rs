@@ -191,8 +191,8 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
     #[test]
     fn whatever_is_fed_to_the_tick_the_invariants_hold(
-        // Before homing, while homing, about to arm, balancing.
         name in prop::sample::select(vec![None, Some("lidar.toml"), Some("mit.toml")]),
+        // Before homing, while homing, about to arm, balancing.
         undisturbed in prop::sample::select(vec![0_u32, 150, 400, 520, 700, 1500]),
         ticks in prop::collection::vec(prop::option::weighted(0.3, prop::collection::vec(tampering(), 1..4)), 1..150),
     ) {
