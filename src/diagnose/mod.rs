@@ -4,7 +4,8 @@
 //! 1. [`pipeline`]: the base fit ([`base`]), outliers left out, the noise that it leaves ([`likelihood`]).
 //! 2. [`stepwise`]: forward selection. In a [`round`] every candidate of the library ([`candidates`], [`initial_guesses`]) is scored
 //!    by what one linear step promises ([`score_test`]); the best are fitted in full, jointly with all base parameters.
-//!    The first that is accepted, and stays off its bounds when it is fitted to the end, is added; then the next round.
+//!    The first that is accepted, and stays off its bounds when it is fitted to the end, is added; then the next round. There
+//!    the [`mod@runners_up`] of the last one are fitted whatever they promise, and alone where there is no time for more.
 //! 3. [`pairwise_exchange`], [`mod@exchange`], [`mod@converge_rivals`]: neighbours of the selected model, each kept if better.
 //! 4. [`residual_force`]: does a force without a name say more ([`free_curve`], [`change_point`])? Are all recordings of one
 //!    machine ([`pooling_test`])?
@@ -19,7 +20,7 @@
 //! | question | rule | where |
 //! |---|---|---|
 //! | is anything missing? | gain over max(60, .02 N) + k ln N, in every part of the recordings | [`judge::criterion`], [`judge::accept`] |
-//! | is it that effect? | no bound hit, states that go on from window to window, .25 of the gain on recordings left out | [`judge::accept`], [`judge::continuity`] |
+//! | is it that effect? | no bound hit, states that go on from window to window, .25 of the gain on recordings left out, or of what it promises on recordings kept back | [`judge::accept`], [`judge::continuity`] |
 //! | or a piece of anything? | pushes, jumps and few waves of a ripple are not taken beside smooth misfit | [`judge::flexibility`] |
 //! | a further effect? | 2, 4 or 15 % of what those before it gained | [`judge::accept`] |
 //! | which of two? | 10 ahead; the simpler one with .95 of the gain | [`judge::exchange`], [`judge::simplicity`] |
@@ -88,6 +89,7 @@ pub mod pooling_test;
 pub mod residual_force;
 pub mod ridge_restarts;
 pub mod round;
+pub mod runners_up;
 pub mod scales;
 pub mod scan;
 pub mod score_test;

@@ -17,7 +17,7 @@ use crate::diagnose::subsample::{Subsample, subsampled};
 use crate::identify::fit::{FreeRuns, Limits, Point, Series};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
-use crate::model::rig::{Scope, Slot};
+use crate::model::rig::{Rig, Scope, Slot};
 use rayon::prelude::*;
 
 /// Candidates that are fitted in full per round.
@@ -203,6 +203,25 @@ pub fn promises_little(base: &FittedModel, library: &[Candidate], context: &Cont
     criterion::promises_little(look(base, library, &white(&base.residuals, &context.floors), context).most, context)
 }
 
+/// A candidate on top of the base, fitted from where another fit stands.
+pub struct Start {
+    /// What is added.
+    pub candidate: Candidate,
+    /// The fit that it starts from, on the windows of the base.
+    pub from: FittedModel,
+    /// The base's rig with the candidate last.
+    pub rig: Rig,
+}
+
+/// What a round asks.
+#[derive(Clone, Copy)]
+pub struct Asked<'c> {
+    /// Candidates of which the most promising are fitted.
+    pub library: &'c [Candidate],
+    /// Those that are fitted whatever one step promises.
+    pub near: &'c [Start],
+}
+
 /// All candidates of one round on top of `base`, best first by what they gain. `fitted`: the fit whose misfit is to be
 /// explained, `base` itself or a better one of the same rig. `earlier`: trials of a round from a worse fit of that rig, which
 /// stand where this round may not come to.
@@ -210,7 +229,7 @@ pub fn promises_little(base: &FittedModel, library: &[Candidate], context: &Cont
 pub fn round(
     base: &FittedModel,
     (fitted, earlier): (&FittedModel, Vec<CandidateFit>),
-    library: &[Candidate],
+    Asked { library, near }: Asked<'_>,
     context: &Context,
     mut said: impl FnMut(&str),
 ) -> Vec<CandidateFit> {
@@ -220,7 +239,7 @@ pub fn round(
         said(&format!("{costly} starts not tried: too costly to simulate"));
     }
     let (few, rule) = thin.as_ref().map_or((base, context), |t| (&t.hypothesis, &t.context));
-    if criterion::promises_little(most, context) {
+    if near.is_empty() && criterion::promises_little(most, context) {
         said(&format!("no candidate promises more than {most:.1}: too little"));
         return Vec::new();
     }
@@ -229,9 +248,10 @@ pub fn round(
         said(&format!("   {:20} {:12} promises {gain:9.1} from {start:.4?}", c.effect, c.at));
     }
     let is_curious = base.rig.effects.len() == context.given || most > CURIOUS * detection_threshold(context, 1);
-    let trials = coarse_fits(base, (few, rule), ranked, &noise, is_curious);
+    let fits = near_fits(base, thin.as_ref(), near, (&noise, COARSE), rule);
+    let trials = coarse_fits(base, (few, rule), (fits, ranked), &noise, is_curious);
     let mut trials = best_of_each(trials);
-    trials = gone_on(base, thin.as_ref(), trials, &noise, context);
+    trials = gone_on(base, thin.as_ref(), (trials, near), &noise, context);
     said(&format!("fitted, effort {:.1} M", 1e-6 * base.problem.effort.spent() as f64));
     let all = trials.into_par_iter();
     // What gains nothing and has states of its own is not worth the look: a spring stiff as a rod is costly to follow.
@@ -248,11 +268,28 @@ pub fn round(
     trials
 }
 
-/// The best starts fitted on `few` windows, and while the round may go on the others; ranked by `rule`.
+/// The starts that are fitted whatever they promise, on the windows of `thin`.
+fn near_fits(
+    base: &FittedModel,
+    thin: Option<&Subsample>,
+    near: &[Start],
+    how: (&[Colour], Limits),
+    rule: &Context,
+) -> Vec<CandidateFit> {
+    let one = |Start { candidate, from, rig }: &Start| {
+        let fewer = thin.map(|thin| thin.windows_of(from));
+        let (problem, point) = fewer.as_ref().unwrap_or(from).extended(rig.clone());
+        let hypothesis = within(allowance(base), base, problem, point, how, rule)?;
+        Some(CandidateFit { candidate: candidate.clone(), hypothesis, gain: 0.0 })
+    };
+    near.par_iter().filter_map(one).collect()
+}
+
+/// The best starts fitted on `few` windows beside what is fitted, and while the round may go on the others; ranked by `rule`.
 fn coarse_fits(
     base: &FittedModel,
     (few, rule): (&FittedModel, &Context),
-    ranked: Vec<Ranked<'_>>,
+    (fits, ranked): (Vec<CandidateFit>, Vec<Ranked<'_>>),
     noise: &[Colour],
     is_curious: bool,
 ) -> Vec<CandidateFit> {
@@ -266,7 +303,8 @@ fn coarse_fits(
     let share = if is_curious { MOST_EFFORT.saturating_sub(effort()) / CURIOSITY } else { 0 };
     let enough = effort() + share;
     let (first, rest) = split(ranked);
-    let mut trials: Vec<CandidateFit> = first.par_iter().filter_map(fitted).collect();
+    let mut trials = fits;
+    trials.par_extend(first.par_iter().filter_map(fitted));
     let mut left = &rest[..];
     while !left.is_empty() && effort() < enough {
         let (batch, others) = left.split_at(left.len().min(BATCH));
@@ -301,11 +339,11 @@ fn further(
 fn gone_on(
     base: &FittedModel,
     thin: Option<&Subsample>,
-    trials: Vec<CandidateFit>,
+    (trials, near): (Vec<CandidateFit>, &[Start]),
     noise: &[Colour],
     context: &Context,
 ) -> Vec<CandidateFit> {
-    let (mut trials, leading) = leaders_first(base, trials);
+    let (mut trials, leading) = leaders_first(base, trials, near);
     let most = allowance(base);
     let Some(thin) = thin else {
         trials[..leading].par_iter_mut().for_each(|trial| {
@@ -326,8 +364,8 @@ fn gone_on(
 }
 
 /// Those that go on first, best first, and how many. What has inner states may turn out to be no effect ([`has_continuous_states`]):
-/// it takes no place from those that have none, nor is it their measure.
-fn leaders_first(base: &FittedModel, trials: Vec<CandidateFit>) -> (Vec<CandidateFit>, usize) {
+/// it takes no place from those that have none, nor is it their measure. Those that are `near` go on in any case.
+fn leaders_first(base: &FittedModel, trials: Vec<CandidateFit>, near: &[Start]) -> (Vec<CandidateFit>, usize) {
     let has_inner = |t: &CandidateFit| has_more_states(base, &t.hypothesis);
     let leads = |all: Vec<CandidateFit>| -> (Vec<CandidateFit>, Vec<CandidateFit>) {
         let most = all.first().map_or(0.0, |t| t.gain);
@@ -338,8 +376,10 @@ fn leaders_first(base: &FittedModel, trials: Vec<CandidateFit>) -> (Vec<Candidat
     };
     let (inner, plain): (Vec<CandidateFit>, Vec<CandidateFit>) = trials.into_iter().partition(has_inner);
     let ((first, rest), (others, behind)) = (leads(plain), leads(inner));
-    let count = first.len() + others.len();
-    ([first, others, rest, behind].into_iter().flatten().collect(), count)
+    let is_near = |t: &CandidateFit| near.iter().any(|start| start.candidate.is_same_as(&t.candidate));
+    let (wanted, rest): (Vec<CandidateFit>, Vec<CandidateFit>) = rest.into_iter().chain(behind).partition(is_near);
+    let count = first.len() + others.len() + wanted.len();
+    ([first, others, wanted, rest].into_iter().flatten().collect(), count)
 }
 
 /// Orders trials by their likelihood under the noise that the best of them leaves, and notes what each gains there.

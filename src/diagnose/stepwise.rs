@@ -6,7 +6,7 @@
 
 use crate::diagnose::base::anew;
 use crate::diagnose::basin_hopping::escape_local_minimum;
-use crate::diagnose::budget::{allowance, within};
+use crate::diagnose::budget::{allowance, is_spent, within};
 use crate::diagnose::candidate_fit::{CandidateFit, MOST_EFFORT, SelectedEffect, refit_without};
 use crate::diagnose::candidates::Candidate;
 use crate::diagnose::cross_validation::LeaveOneRecordingOut;
@@ -16,11 +16,12 @@ use crate::diagnose::judge::accept::{is_accepted, is_admissible};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::exchange::only_freed_the_fit;
 use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here};
-use crate::diagnose::judge::numbers::{KEPT, LOCAL_TERMS};
+use crate::diagnose::judge::numbers::{KEPT, LOCAL_TERMS, NEARLY};
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
 use crate::diagnose::judge::verdict::is_far_beyond_chance;
 use crate::diagnose::likelihood::is_misfit;
-use crate::diagnose::round::{merged, promises_little, round};
+use crate::diagnose::round::{Asked, Start, merged, promises_little, round};
+use crate::diagnose::runners_up::{COMPANIONS, LEADS, runners_up};
 use crate::identify::fit::Limits;
 use crate::model::rig::Rig;
 use rayon::prelude::*;
@@ -29,7 +30,8 @@ use std::cell::OnceCell;
 /// Most effects that are added.
 pub const MOST: usize = 4;
 
-/// Candidates of a round, best first, that are asked whether they are believed.
+/// Candidates of a round, best first, that are asked whether they are believed; others are if they gain nearly as much as the first, of so
+/// many kinds (ripples of several orders are one), or were runners-up of the round before.
 const TRIED: usize = 3;
 
 /// Samples of which a last look at what is promised takes less than a second.
@@ -124,9 +126,8 @@ fn fitted_to_the_end(now: &FittedModel, trial: &CandidateFit, context: &Context)
     Some(CandidateFit { hypothesis: last, gain: trial.gain + gained, ..trial.clone() })
 }
 
-/// Leaders of a first round that are fitted anew, and the part of the first one's gain from which they are.
+/// Leaders of a first round that are fitted anew.
 const ANEW: usize = 3;
-const LEADS: f64 = 0.3;
 
 /// The leaders of a first round that leave misfit, fitted once more from the numbers of `given`: what is missing has led the
 /// base astray, windows and all, and from there not even the truth finds back (a walker whose encoder jumped). True if one
@@ -208,6 +209,10 @@ struct Search<'s> {
     beside: u64,
     /// Trials on top of a worse base.
     stood: Vec<CandidateFit>,
+    /// Effects that had been added when runners-up were asked.
+    asked: usize,
+    /// Those of this round.
+    near: Vec<Start>,
 }
 
 impl<'s> Search<'s> {
@@ -220,8 +225,8 @@ impl<'s> Search<'s> {
     ) -> Self {
         let (added, last) = (Vec::new(), Vec::new());
         let all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
-        let (explained, restarts, last_cost, beside, stood) = (0.0, 0, 0, 0, Vec::new());
-        Self { given, also, library, context, all, explained, restarts, last_cost, beside, stood }
+        let (explained, restarts, last_cost, beside, stood, asked, near) = (0.0, 0, 0, 0, Vec::new(), 0, Vec::new());
+        Self { given, also, library, context, all, explained, restarts, last_cost, beside, stood, asked, near }
     }
 
     fn spent(&self) -> u64 {
@@ -237,21 +242,42 @@ impl<'s> Search<'s> {
     fn next_round(&mut self, said: &mut dyn FnMut(&str)) -> bool {
         let earlier = std::mem::take(&mut self.stood);
         if self.last_cost > 0 && !self.has_time() {
-            return self.ends_early(earlier, said);
+            return earlier.is_empty() && self.asks_runners_up(said) || self.ends_early(earlier, said);
         }
         let spent = self.spent();
-        let candidates = (self.library)(&self.all.found);
-        said(&format!("{} candidates", candidates.len()));
-        self.all.last = round(&self.all.found, (&self.all.found, earlier), &candidates, self.context, &mut *said);
+        let library = (self.library)(&self.all.found);
+        said(&format!("{} candidates", library.len()));
+        self.near =
+            self.all.added.last().map(|last| runners_up(&self.all.found, last, self.context)).unwrap_or_default();
+        let asked = Asked { library: &library, near: &self.near };
+        self.all.last = round(&self.all.found, (&self.all.found, earlier), asked, self.context, &mut *said);
         self.last_cost = self.spent() - spent;
         if let Some(also) = self.also.filter(|_| self.all.added.is_empty()) {
             said("the same from the numbers as given");
             let before = self.spent();
-            let more = round(also, (&self.all.found, Vec::new()), &(self.library)(also), self.context, &mut *said);
+            let asked = Asked { library: &(self.library)(also), near: &[] };
+            let more = round(also, (&self.all.found, Vec::new()), asked, self.context, &mut *said);
             self.all.last = merged(&self.all.found, std::mem::take(&mut self.all.last), more, self.context);
             self.beside += self.spent() - before;
         }
         true
+    }
+
+    /// No time for a round of the whole library: the runners-up of the last one are fitted on top of its winner. Of two effects that
+    /// are both there each nearly wins alone. False if there are none, or none is left.
+    fn asks_runners_up(&mut self, said: &mut dyn FnMut(&str)) -> bool {
+        let added = self.all.added.len();
+        let last = self.all.added.last().filter(|_| added > self.asked && !is_spent(&self.all.found));
+        self.near = last.map(|last| runners_up(&self.all.found, last, self.context)).unwrap_or_default();
+        if self.near.is_empty() {
+            return false;
+        }
+        said("no time for another round: its runners-up beside the winner");
+        self.asked = added;
+        let asked = Asked { library: &[], near: &self.near };
+        self.all.last = round(&self.all.found, (&self.all.found, Vec::new()), asked, self.context, said);
+        self.all.cut_short = true;
+        !self.all.last.is_empty()
     }
 
     /// No time for another round: what was fitted on top of a worse base stands all the same, if there is anything.
@@ -317,8 +343,9 @@ impl<'s> Search<'s> {
         said: &mut dyn FnMut(&str),
     ) -> Option<usize> {
         let mut i = 0;
-        while i < self.all.last.len().min(TRIED) {
-            if !self.is_believed(i, left_out, said) {
+        let most = self.all.last.first().map_or(0.0, |t| t.gain);
+        while i < self.all.last.len() {
+            if !self.is_asked(i, most) || !self.is_believed(i, left_out, said) {
                 i += 1;
                 continue;
             }
@@ -334,6 +361,24 @@ impl<'s> Search<'s> {
             }
         }
         None
+    }
+
+    /// True if candidate `i` of the round, in which the first gains `most`, is asked whether it is believed.
+    fn is_asked(&self, i: usize, most: f64) -> bool {
+        let trial = &self.all.last[i];
+        let is_runner_up = || self.near.iter().any(|start| start.candidate.is_same_as(&trial.candidate));
+        i < TRIED || trial.gain > NEARLY * most && self.kinds_before(i) < TRIED || is_runner_up()
+    }
+
+    /// Effects and places among the candidates of the round that are ahead of candidate `i`, its own not counted.
+    fn kinds_before(&self, i: usize) -> usize {
+        let own = &self.all.last[i].candidate;
+        let mut kinds: Vec<(&str, &str)> =
+            self.all.last[..i].iter().map(|t| (t.candidate.effect, t.candidate.at.as_str())).collect();
+        kinds.retain(|kind| *kind != (own.effect, own.at.as_str()));
+        kinds.sort_unstable();
+        kinds.dedup();
+        kinds.len()
     }
 
     fn is_believed(
@@ -377,9 +422,6 @@ impl<'s> Search<'s> {
     }
 }
 
-/// Leaders of a first round, one of each kind, that are tried in company.
-const COMPANIONS: usize = 3;
-
 /// A leader that does not hold on recordings left out, and the effect that makes it hold: two that hide each other look, one
 /// at a time, like nothing that is true (an offset beside friction that falls with speed). Both together must leave but noise.
 fn add_jointly(
@@ -407,7 +449,8 @@ fn add_jointly(
             return None;
         }
         said(&format!("   with {}@{} for company", leader.candidate.effect, leader.candidate.at));
-        let mut seconds = round(now, (now, Vec::new()), &library(now), context, &mut *said);
+        let asked = Asked { library: &library(now), near: &[] };
+        let mut seconds = round(now, (now, Vec::new()), asked, context, &mut *said);
         tell(&seconds, context, said);
         order_by_penalised_gain(&mut seconds, context);
         let Some(second) = seconds.first().filter(|s| !is_misfit(&s.hypothesis.residuals, &context.floors)) else {

@@ -55,6 +55,12 @@ impl Subsample {
         Self::of(&self.hypothesis, &kept, library, &self.context)
     }
 
+    /// These windows of another fit of the same recordings.
+    #[must_use]
+    pub fn windows_of(&self, of: &FittedModel) -> FittedModel {
+        of.on_windows(&self.kept)
+    }
+
     /// `trial`, fitted to these windows, as a start on all windows of `base`.
     #[must_use]
     pub fn widened(&self, base: &FittedModel, trial: &FittedModel) -> (Problem, Point) {

@@ -160,7 +160,15 @@ fn obeys_the_rules(
     let Some(kept) = kept() else { return true };
     said(&format!("   {effect} keeps {kept:.2} of its gain on recordings left out"));
     let least = if trial.gain > MUCH * threshold { KEPT_OF_MUCH } else { KEPT };
-    kept >= least || trial.candidate.only.is_some()
+    if kept >= least || trial.candidate.only.is_some() {
+        return true;
+    }
+    // What few recordings say of one another, when one is left out, is less than what those say that no fit saw.
+    let told = Confirmation::on_kept_back(&trial.hypothesis, now, context);
+    told.is_some_and(|told| {
+        said(&format!("   {effect}, on recordings kept back: {told}"));
+        told.bears_out(context)
+    })
 }
 
 /// True if the 95 % interval of the strength of effect `e` reaches nothing, with all that widens an interval: such a number is no
