@@ -7,7 +7,7 @@
 //!    The first that is accepted, and stays off its bounds when it is fitted to the end, is added; then the next round. There
 //!    the [`mod@runners_up`] of the last one are fitted whatever they promise, and alone where there is no time for more.
 //! 3. [`pairwise_exchange`], [`mod@exchange`], [`mod@converge_rivals`]: neighbours of the selected model, each kept if better.
-//! 4. [`residual_force`]: does a force without a name say more ([`free_curve`], [`change_point`])? Are all recordings of one
+//! 4. [`residual_force`]: does a force without a name ([`mod@force_patterns`]) say more ([`free_curve`], [`change_point`])? Are all recordings of one
 //!    machine ([`pooling_test`])?
 //! 5. [`interest`]: what is too small to matter, not told from nothing, explained by instants within their rows ([`instants`]), or
 //!    refuted where it was not fitted ([`held_out`]), is seen and not named.
@@ -64,9 +64,11 @@ pub mod converge_rivals;
 pub mod cross_validation;
 pub mod exchange;
 pub mod fitted_model;
+mod force_patterns;
 pub mod free_curve;
 pub mod headline;
 pub mod held_out;
+mod holds_elsewhere;
 pub mod identification;
 pub mod initial_guesses;
 pub mod initial_states;
