@@ -38,6 +38,7 @@ use std::fs;
 use std::io::{self, Read};
 use std::path::Path;
 
+use std::sync::LazyLock;
 pub use problem::{Errors, Problem};
 
 /// Sections with their embedded defaults.
@@ -49,6 +50,10 @@ const SECTIONS: [(&str, &str, &str); 4] = [
 ];
 
 /// A configuration after all checks, with what a recording needs to know of it.
+/// These files as trees, parsed once: some read thousands of configurations.
+static EMBEDDED: LazyLock<Vec<Result<Node, Vec<Problem>>>> =
+    LazyLock::new(|| SECTIONS.map(|(_, file, text)| raw::parse(&format!("embedded {file}"), text)).into());
+
 #[derive(Clone, Debug)]
 pub struct Resolved {
     /// The checked values.
@@ -251,16 +256,15 @@ impl Typed {
     /// Sections that nobody gave come whole from the embedded files.
     fn fill_in_defaults(&mut self) -> Vec<(&'static str, String)> {
         let mut sources = Vec::new();
-        for (section, file, text) in SECTIONS {
+        for ((section, file, _), embedded) in SECTIONS.into_iter().zip(&*EMBEDDED) {
             let source = match self.sections.get(section) {
                 Some(node) => node.at.file.to_string(),
                 None => {
-                    let name = format!("embedded {file}");
-                    match raw::parse(&name, text) {
-                        Ok(node) => drop(self.sections.insert(section, node)),
-                        Err(problems) => self.problems.extend(problems),
+                    match embedded {
+                        Ok(node) => drop(self.sections.insert(section, node.clone())),
+                        Err(problems) => self.problems.extend(problems.iter().cloned()),
                     }
-                    name
+                    format!("embedded {file}")
                 }
             };
             sources.push((section, source));

@@ -93,7 +93,7 @@ impl Node {
 
 /// Reads a TOML text. All syntax errors at once.
 pub(super) fn parse(file: &str, text: &str) -> Result<Node, Vec<Problem>> {
-    let place = Place { file: file.into(), text };
+    let place = Place::new(file, text);
     let (document, errors) = DeTable::parse_recoverable(text);
     if errors.is_empty() {
         return Ok(Node { at: place.origin(0), value: place.table(document.get_ref()) });
@@ -116,7 +116,7 @@ pub(super) fn parse_override(typed: &str) -> Result<(String, Node), Problem> {
         return Err(problem("expected a key such as robot.hip.gear_ratio"));
     }
     let at = Origin { file: "--set".into(), line: 0 };
-    let place = Place { file: "--set".into(), text: value };
+    let place = Place::new("--set", value);
     let value = match DeValue::parse(value.trim()) {
         Ok(parsed) => place.value(parsed.get_ref()),
         Err(_) => Raw::Text(value.trim().to_owned()),
@@ -124,16 +124,21 @@ pub(super) fn parse_override(typed: &str) -> Result<(String, Node), Problem> {
     Ok((key.to_owned(), Node { at, value }))
 }
 
-/// A text and its name: turns byte offsets into lines.
-struct Place<'a> {
+/// A text's name and where its lines end: turns byte offsets into lines. Asked for each value, so it must not count anew.
+struct Place {
     file: Arc<str>,
-    text: &'a str,
+    line_ends: Vec<usize>,
 }
 
-impl Place<'_> {
+impl Place {
+    fn new(file: &str, text: &str) -> Self {
+        let line_ends = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n').map(|(at, _)| at).collect();
+        Self { file: file.into(), line_ends }
+    }
+
     fn origin(&self, byte: usize) -> Origin {
-        let before = self.text.as_bytes().get(..byte).unwrap_or(self.text.as_bytes());
-        Origin { file: self.file.clone(), line: 1 + before.iter().filter(|b| **b == b'\n').count() }
+        let line = 1 + self.line_ends.partition_point(|end| *end < byte);
+        Origin { file: self.file.clone(), line }
     }
 
     fn syntax_error(&self, error: &toml::de::Error) -> Problem {
