@@ -13,6 +13,7 @@
 
 use super::agreement::Agreement;
 use super::drive::Slot;
+use super::in_flight::InFlight;
 use super::setup::SetupFault;
 use super::speak_mit::MitSpeaker;
 use super::speak_moteus::MoteusSpeaker;
@@ -33,6 +34,8 @@ const HEARTBEATS_MISSED: i64 = 3;
 const FIRST_WORD: Span = Span::from_ms(2000);
 /// Commands without torque after the drive was first seen on.
 const ZERO_COMMANDS: u8 = 2;
+/// More answers are never owed: the command in flight, a lowered one, a torque of zero, the goal's drop.
+const MOST_OWED: u8 = 4;
 /// Answers that nobody asked for count two, the others take one back: at this count two drives have one number.
 const EXTRA_ANSWERS: u8 = 20;
 /// Shortest time from sending a command to its answer: two frames of 47 bits at 1 Mbit/s.
@@ -163,8 +166,8 @@ pub(super) struct Direct {
     pub(super) index: usize,
     /// What it says.
     pub(super) feedback: DriveFeedback,
-    /// When its command went out, while nothing proves that it left the wire.
-    pub(super) command_in_flight: Option<Stamp>,
+    /// Its commands, while nothing proves that they left the wire.
+    pub(super) in_flight: InFlight,
     speaker: Speaker,
     slot: Slot,
     mode: DriveMode,
@@ -189,9 +192,9 @@ pub(super) struct Direct {
     agreement: Agreement,
     /// The goal must drop below enabled before the drive is cleared or enabled again.
     held_back: bool,
-    goal: DriveGoal,
+    pub(super) goal: DriveGoal,
     /// Torque of the command that was sent last.
-    torque_permille: i16,
+    pub(super) torque_permille: i16,
     /// The drive says that it has power.
     on: bool,
     hold_counts: Option<i32>,
@@ -212,7 +215,7 @@ impl Direct {
         Some(Self {
             index,
             feedback: DriveFeedback { stamp: Stamp::NEVER, ..DriveFeedback::default() },
-            command_in_flight: None,
+            in_flight: InFlight::default(),
             speaker,
             slot,
             mode: drive.mode,
@@ -248,7 +251,7 @@ impl Direct {
         match heard {
             Heard::Echo => {
                 self.left = frame.stamp;
-                self.command_in_flight = None;
+                self.in_flight.hear_echo(&frame.frame);
             }
             Heard::Word(word) => self.on_word(&word, frame.stamp),
             Heard::OwnQuestion | Heard::Garbled | Heard::Foreign => {}
@@ -289,11 +292,8 @@ impl Direct {
         self.show();
     }
 
-    /// Without echoes (some adapters give none) an answer proves that the command left.
     fn on_answer(&mut self, stamp: Stamp) {
-        if self.command_in_flight.is_some_and(|sent| stamp.since(sent) >= FASTEST_ANSWER) {
-            self.command_in_flight = None;
-        }
+        self.in_flight.hear_answer(stamp - FASTEST_ANSWER);
         if self.owed > 0 {
             self.owed -= 1;
             self.extra = self.extra.saturating_sub(1);
@@ -415,16 +415,14 @@ impl Direct {
 
     /// The command takes goal or torque away from what was sent last.
     pub(super) fn is_lowered_by(&self, command: &DriveCommand) -> bool {
-        command.goal < self.goal || (self.torque_permille != 0 && command.torque_permille == 0)
+        command.goal < self.goal || self.in_flight.is_lowered_by(command.torque_permille)
     }
 
     /// The frame of this turn, one step towards the goal.
-    pub(super) fn command(&mut self, now: Stamp, command: &DriveCommand) -> CanFrame {
+    pub(super) fn command(&mut self, command: &DriveCommand) -> CanFrame {
         self.goal = command.goal;
         self.torque_permille = 0;
-        // The oldest in flight counts.
-        self.command_in_flight.get_or_insert(now);
-        self.owed = self.owed.saturating_add(1).min(2);
+        self.owed = self.owed.saturating_add(1).min(MOST_OWED);
         self.sent_limit_permille = match self.mode {
             DriveMode::CyclicTorque => self.max_permille,
             DriveMode::CyclicPosition => self.limit_permille,
@@ -527,7 +525,7 @@ impl Direct {
     fn begin_anew(&mut self) {
         of_speaker!(&mut self.speaker, s => s.forget());
         self.phase = Phase::Reset;
-        self.command_in_flight = None;
+        self.in_flight.clear();
         self.owed = 0;
         self.on = false;
     }

@@ -8,6 +8,7 @@
 //! ```
 
 use super::agreement::Agreement;
+use super::in_flight::InFlight;
 use super::setup::{self, SetupFault, Step, TORQUE_LIMIT};
 use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::{Emergency, Message, NmtCommand, NmtState, Node, PdoData};
@@ -88,8 +89,8 @@ pub(super) struct DriveLine {
     pub(super) node: Node,
     /// What it says.
     pub(super) feedback: DriveFeedback,
-    /// When its command went out, while nothing proves that it left the wire.
-    pub(super) command_in_flight: Option<Stamp>,
+    /// Its commands, while nothing proves that they left the wire.
+    pub(super) in_flight: InFlight,
     mode: DriveMode,
     slot: Slot,
     max_torque_permille: i16,
@@ -103,7 +104,7 @@ pub(super) struct DriveLine {
     emergency: Option<Stamp>,
     /// The goal must drop below enabled before the drive is reset or enabled again.
     held_back: bool,
-    goal: DriveGoal,
+    pub(super) goal: DriveGoal,
     enabled_commands: u8,
     reset_commands: u8,
     hold_counts: Option<i32>,
@@ -114,7 +115,7 @@ pub(super) struct DriveLine {
     /// Second answers to one SYNC count two, the others take one back.
     doubled: u8,
     /// Torque in the last command.
-    torque_permille: i16,
+    pub(super) torque_permille: i16,
     /// Commands still due to a drive that was given up.
     farewells: u8,
 }
@@ -126,7 +127,7 @@ impl DriveLine {
             index,
             node,
             feedback: DriveFeedback { stamp: Stamp::NEVER, ..DriveFeedback::default() },
-            command_in_flight: None,
+            in_flight: InFlight::default(),
             mode: drive.mode,
             slot,
             max_torque_permille: i16::try_from(drive.max_torque_permille).unwrap_or(i16::MAX),
@@ -152,7 +153,7 @@ impl DriveLine {
 
     /// The command takes goal or torque away from what was sent last.
     pub(super) fn is_lowered_by(&self, command: &DriveCommand) -> bool {
-        self.farewells > 0 || command.goal < self.goal || (self.torque_permille != 0 && command.torque_permille == 0)
+        self.farewells > 0 || command.goal < self.goal || self.in_flight.is_lowered_by(command.torque_permille)
     }
 
     /// True while its process data flow.
@@ -344,7 +345,7 @@ impl DriveLine {
             Phase::Start if phase % self.slot.divisor == self.slot.start => {
                 self.phase = Phase::AwaitAnswer { deadline: now + ANSWER_TIMEOUT };
                 self.state = State::NotReady;
-                self.command_in_flight = None;
+                self.in_flight.clear();
                 Some(Message::Nmt(NmtCommand::Start, Some(self.node)).emit())
             }
             Phase::Operating => self.limit_frame(now),
@@ -378,9 +379,7 @@ impl DriveLine {
     }
 
     /// The command, one step of the power state machine at a time.
-    pub(super) fn command(&mut self, now: Stamp, command: &DriveCommand) -> PdoData {
-        // The oldest in flight counts.
-        self.command_in_flight.get_or_insert(now);
+    pub(super) fn command(&mut self, command: &DriveCommand) -> PdoData {
         if self.farewells > 0 {
             self.farewells -= 1;
             (self.goal, self.torque_permille) = (DriveGoal::Disabled, 0);
@@ -452,7 +451,7 @@ impl DriveLine {
         self.held_back = true;
         self.phase = CONFIGURE;
         self.state = State::NotReady;
-        self.command_in_flight = None;
+        self.in_flight.clear();
         self.limit = TorqueLimit { wanted: self.limit.wanted, ..TorqueLimit::default() };
         self.feedback.state = DriveState::Configuring;
         self.feedback.error_code = 0;
@@ -468,7 +467,7 @@ impl DriveLine {
     fn give_up(&mut self, fault: SetupFault) {
         self.held_back = true;
         self.state = State::NotReady;
-        self.command_in_flight = None;
+        self.in_flight.clear();
         self.feedback.state = DriveState::Lost;
         self.feedback.error_code = fault as u16;
     }

@@ -7,6 +7,7 @@
 
 use super::direct::Direct;
 use super::drive::DriveLine;
+use super::in_flight::Sent;
 use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::Message;
 use crate::msg::{BusFrame, CanFrame, DriveCommand, DriveFeedback, FrameBatch};
@@ -38,29 +39,30 @@ impl Member {
     }
 
     /// When its command went out, while nothing proves that it left the wire.
-    pub(super) const fn command_in_flight(&self) -> Option<Stamp> {
+    pub(super) fn command_in_flight(&self) -> Option<Stamp> {
         match self {
-            Self::Canopen(drive) => drive.command_in_flight,
-            Self::Direct(drive) => drive.command_in_flight,
+            Self::Canopen(drive) => drive.in_flight.oldest(),
+            Self::Direct(drive) => drive.in_flight.oldest(),
         }
     }
 
     /// What was sent until then has left.
     pub(super) fn prove_departure(&mut self, until: Stamp) {
-        let in_flight = match self {
-            Self::Canopen(drive) => &mut drive.command_in_flight,
-            Self::Direct(drive) => &mut drive.command_in_flight,
-        };
-        *in_flight = in_flight.filter(|at| *at > until);
+        match self {
+            Self::Canopen(drive) => drive.in_flight.prove_departure(until),
+            Self::Direct(drive) => drive.in_flight.prove_departure(until),
+        }
     }
 
     /// What was sent at this time was not sent.
     pub(super) fn take_back(&mut self, at: Stamp) {
-        let in_flight = match self {
-            Self::Canopen(drive) => &mut drive.command_in_flight,
-            Self::Direct(drive) => &mut drive.command_in_flight,
+        let (in_flight, goal) = match self {
+            Self::Canopen(drive) => (&mut drive.in_flight, &mut drive.goal),
+            Self::Direct(drive) => (&mut drive.in_flight, &mut drive.goal),
         };
-        *in_flight = in_flight.filter(|sent| *sent != at);
+        if let Some(before) = in_flight.take_back(at) {
+            *goal = before;
+        }
     }
 
     /// The command takes goal or torque away from what was sent last.
@@ -115,10 +117,19 @@ impl Member {
     pub(super) fn command(&mut self, now: Stamp, command: &DriveCommand) -> CanFrame {
         match self {
             Self::Canopen(drive) => {
-                let pdo = drive.command(now, command);
-                Message::Rpdo(1, drive.node, pdo).emit()
+                let goal_before = drive.goal;
+                let frame = Message::Rpdo(1, drive.node, drive.command(command)).emit();
+                let torque_permille = drive.torque_permille;
+                drive.in_flight.push(Sent { at: now, frame, torque_permille, goal_before });
+                frame
             }
-            Self::Direct(drive) => drive.command(now, command),
+            Self::Direct(drive) => {
+                let goal_before = drive.goal;
+                let frame = drive.command(command);
+                let torque_permille = drive.torque_permille;
+                drive.in_flight.push(Sent { at: now, frame, torque_permille, goal_before });
+                frame
+            }
         }
     }
 

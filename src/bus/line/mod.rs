@@ -6,7 +6,8 @@
 //!
 //! **Nothing stale on the wire.** A command goes out only when the one before is known to have left: by its echo, by
 //! the echo of a SYNC sent after it, or by an answer that only it can have caused; one that takes goal or torque away
-//! may follow it. So at most one command with torque per drive can sit in a kernel or adapter whose peer is gone. If
+//! may follow it, one that lowers the torque once. So what sits in a kernel or adapter whose peer is gone is at most one
+//! command with torque per drive and one with less behind it. If
 //! nothing proves departure for the echo timeout the bus is *stalled*: no more commands; a probe (NMT reset of all
 //! nodes, or power off: harmless whenever delivered) until one is
 //! echoed; then the whole start-up from reset. Emptying the kernel's queue is the I/O thread's part.
@@ -16,6 +17,7 @@
 mod agreement;
 mod direct;
 mod drive;
+mod in_flight;
 mod member;
 mod setup;
 mod speak_mit;
@@ -275,7 +277,7 @@ impl Line {
                 self.other_master = Some(now);
             }
             Ok(Message::Sync(_)) => self.on_sync_echo(stamp),
-            Ok(Message::Rpdo(_, node, _)) => self.on_command_echo(node),
+            Ok(Message::Rpdo(_, node, _)) => self.on_command_echo(node, &received.frame),
             Ok(Message::Nmt(..)) => self.on_probe_echo(),
             Ok(Message::SdoRequest(..) | Message::Heartbeat(Node::MASTER, _)) => {}
             Ok(Message::Tpdo(1, node, pdo)) => match (Answer::parse(&pdo), self.drive(node)) {
@@ -341,10 +343,10 @@ impl Line {
     }
 
     /// A queue keeps its order: a SYNC that was sent before this command has left too, though nobody heard its echo.
-    fn on_command_echo(&mut self, node: Node) {
+    fn on_command_echo(&mut self, node: Node, frame: &CanFrame) {
         self.waited = Span::ZERO;
         let mut sent = None;
-        self.with(node, |drive, _| sent = drive.command_in_flight.take());
+        self.with(node, |drive, _| sent = drive.in_flight.hear_echo(frame));
         if sent.is_some_and(|sent| self.sync_in_flight.is_some_and(|sync| sync < sent)) {
             self.sync_in_flight = None;
         }

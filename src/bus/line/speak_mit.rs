@@ -20,7 +20,7 @@ const AT_THE_END: u8 = 20;
 const SLACK_RAD: f64 = 0.1;
 /// Position range of MyActuator's newer firmware, rad.
 const WIDER_RAD: f64 = 12.566;
-/// A MyActuator that follows is asked for its errors in place of every so many commands.
+/// A MyActuator that follows is asked for its errors in place of a command, after so many; of none that lowers its torque.
 const STATUS_EVERY: u8 = 16;
 /// Status of a Damiao from which on it is a fault.
 const FIRST_FAULT: u8 = 8;
@@ -51,12 +51,15 @@ pub(super) struct MitSpeaker {
     asks: u8,
     /// MyActuator: its last status told an error.
     faulty: bool,
+    /// MyActuator: commands since it was asked for its errors, and the torque of the last one, Nm.
+    commands: u8,
+    torque_nm: f64,
 }
 
 impl MitSpeaker {
     pub(super) const fn new(mit: Mit, node: u8) -> Self {
         let position = Unwrapped { last: None, offset_rad: 0.0, at_the_end: 0 };
-        Self { mit, node, belief: Belief::Off, position, asks: 0, faulty: false }
+        Self { mit, node, belief: Belief::Off, position, asks: 0, faulty: false, commands: 0, torque_nm: 0.0 }
     }
 
     const fn is_rmd(&self) -> bool {
@@ -318,10 +321,13 @@ impl Speak for MitSpeaker {
             Setpoint::Position(..) => mit::Setpoint::default(),
         };
         // Its answers in motion mode tell no errors: asked for now and then, while it acts on the last command.
-        self.asks = self.asks.wrapping_add(1);
-        if self.is_rmd() && holds && self.asks.is_multiple_of(STATUS_EVERY) {
+        self.commands = self.commands.saturating_add(1);
+        let lowers = asked.torque_nm.abs() < self.torque_nm.abs();
+        if self.is_rmd() && holds && self.commands >= STATUS_EVERY && !lowers {
+            self.commands = 0;
             return self.ordinary(rmd::STATUS);
         }
+        self.torque_nm = asked.torque_nm;
         self.numeric(&asked)
     }
 
