@@ -4,6 +4,7 @@ use super::Outcome;
 use crate::base::time::Span;
 use crate::config::checked::Config;
 use crate::config::fault::CATALOGUE;
+use crate::msg::DRIVES;
 use crate::sim::trouble::{soak, table};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use std::io::{self, Write};
@@ -32,12 +33,15 @@ pub(super) fn soak(config: &Config, runs: u64, length: Span) -> anyhow::Result<O
     writeln!(out, "injected   {} faults", sum(|r| r.faults.len() as u64))?;
     writeln!(out, "armed      {} times, {} ticks", sum(|r| u64::from(r.armings)), sum(|r| r.armed_ticks))?;
     writeln!(out, "latched    {} faults", sum(|r| u64::from(r.latched)))?;
-    let oldest = |k: usize| results.iter().map(|(_, r)| r.oldest_command[k]).max().unwrap_or_default().as_s() * 1e3;
+    let oldest = |drives: std::ops::Range<usize>| {
+        let of = |run: &soak::Soaked| run.waited[drives.clone()].iter().map(|waited| waited.longest).max();
+        results.iter().filter_map(|(_, run)| of(run)).max().unwrap_or_default().as_s() * 1e3
+    };
     writeln!(
         out,
         "oldest     command taken from the wire by an enabled drive: hip {:.2} ms, toe {:.2} ms",
-        oldest(0),
-        oldest(1)
+        oldest(0..1),
+        oldest(1..DRIVES)
     )?;
     let breaches: Vec<_> = results.iter().filter_map(|(seed, run)| Some((seed, run, run.breach.as_ref()?))).collect();
     writeln!(out, "breaches   {}", breaches.len())?;

@@ -14,7 +14,7 @@ use super::trouble::wires::{HostEnd, Stranger};
 use super::wire::{Delivered, Wire};
 use super::{Reading, World};
 use crate::base::time::{Span, Stamp};
-use crate::bus::canopen::{self, Message, Object};
+use crate::bus::canopen::Object;
 use crate::bus::cia402::State;
 use crate::config::checked::{Config, DriveConfig, Hip, Robot, Simulation, Toe};
 use crate::msg::{BUSES, BusFrame, BusHealth, CanFrame, DRIVES, Drive, FrameBatch, TOES};
@@ -32,6 +32,30 @@ const LONGEST_STEP: Span = Span::from_ms(1);
 
 /// Makes the potentiometers' noise another stream than the IMU's.
 const POT_STREAM: u64 = 0x706F_7400;
+
+/// How long commands of the controller had waited when a drive that had power took them from the wire.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Waited {
+    /// The longest of all.
+    pub longest: Span,
+    /// Longest time that one was followed which had waited for longer than the drive's watchdog.
+    pub followed_old: Span,
+    old_since: Option<Stamp>,
+}
+
+impl Waited {
+    /// A command has come, or the drive has no power any more.
+    fn end_old(&mut self, at: Stamp) {
+        if let Some(since) = self.old_since.take() {
+            self.followed_old = self.followed_old.max(at.since(since));
+        }
+    }
+
+    fn note(&mut self, at: Stamp, waited: Span, watchdog: Span) {
+        self.longest = self.longest.max(waited);
+        self.old_since = (waited > watchdog).then_some(at);
+    }
+}
 
 /// The simulated robot.
 pub struct Plant {
@@ -57,7 +81,8 @@ pub struct Plant {
     pub(super) hosts: Vec<HostEnd>,
     pub(super) strangers: [Option<Stranger>; BUSES],
     troubles: Schedule,
-    oldest_command: [Span; 2],
+    waited: [Waited; DRIVES],
+    watchdogs: [Span; DRIVES],
     answers: Vec<CanFrame>,
 }
 
@@ -147,7 +172,8 @@ impl Plant {
             hosts: (0..BUSES).map(|bus| HostEnd::new(config.simulation.seed, bus)).collect(),
             strangers: [const { None }; BUSES],
             troubles: Schedule::of(&config.simulation.faults, false),
-            oldest_command: [Span::ZERO; 2],
+            waited: [Waited::default(); DRIVES],
+            watchdogs: std::array::from_fn(|k| robot.drives[k].watchdog),
             answers: Vec::new(),
         };
         plant.imu.prepare(&config.simulation.faults);
@@ -400,21 +426,27 @@ impl Plant {
         }
         for index in 0..DRIVES {
             if self.bus_of[index] == bus && delivered.sender != index + 1 {
-                if delivered.sender == HOST {
-                    self.note_age(index, &delivered);
+                let of_host = delivered.sender == HOST;
+                if of_host {
                     self.show_position(index, at);
                 }
-                self.drives[index].hear(at, &delivered.frame, &mut self.answers);
+                let is_command = self.drives[index].hear(at, &delivered.frame, &mut self.answers);
+                if of_host && is_command {
+                    self.note_age(index, &delivered);
+                }
                 self.note_torque(index, at);
                 self.put_answers(index, at);
             }
         }
     }
 
-    /// How old the oldest command was that the enabled hip drive, and an enabled toe, took from the wire.
+    /// How long commands had waited that each drive took from the wire while it was enabled.
     #[must_use]
-    pub const fn oldest_command(&self) -> [Span; 2] {
-        self.oldest_command
+    pub fn waited(&self) -> [Waited; DRIVES] {
+        self.waited.map(|mut waited| {
+            waited.end_old(self.now);
+            waited
+        })
     }
 
     /// A torque command may be late; places are not.
@@ -425,14 +457,10 @@ impl Plant {
     }
 
     fn note_age(&mut self, index: usize, delivered: &Delivered) {
-        let node = self.nodes[index];
-        if !canopen::may_name(&delivered.frame, node) {
-            return;
-        }
-        let is_command = matches!(Message::parse(&delivered.frame), Ok(Message::Rpdo(_, to, _)) if to.number() == node);
-        if is_command && self.drives[index].state() == State::Enabled {
-            let oldest = &mut self.oldest_command[index.min(1)];
-            *oldest = (*oldest).max(delivered.at.since(delivered.queued));
+        self.waited[index].end_old(delivered.at);
+        // Also if it was this command that gave the power.
+        if self.drives[index].state() == State::Enabled {
+            self.waited[index].note(delivered.at, delivered.at.since(delivered.queued), self.watchdogs[index]);
         }
     }
 
@@ -449,6 +477,9 @@ impl Plant {
         for index in 0..DRIVES {
             self.show_position(index, at);
             self.drives[index].tick(at, &mut self.answers);
+            if self.drives[index].state() != State::Enabled {
+                self.waited[index].end_old(at);
+            }
             self.note_torque(index, at);
             self.put_answers(index, at);
         }

@@ -4,16 +4,17 @@
 //! When it no longer hears the heartbeat that it watches, or commands stay out beyond the RPDO's timer, it does what
 //! object 0x6007 says: that is the protection that works when our process is killed. RT: no.
 
-use super::{Defects, Electrics};
+use super::{Asked, Defects, Electrics, Motion};
 use crate::base::bytes::padded;
 use crate::base::time::{Span, Stamp};
 use crate::bus::canopen::{
     EMCY_HEARTBEAT_LOST, EMCY_PDO_TOO_SHORT, EMCY_RPDO_TIMEOUT, Emergency, Message, NmtCommand, NmtState, Node,
     PdoData, may_name,
 };
-use crate::bus::cia402::State;
+use crate::bus::cia402::{self, State};
+use crate::bus::pdo;
 use crate::bus::sdo::{AbortCode, Address, SdoReply, SdoValue};
-use crate::config::checked::{Cia402, DriveConfig, DriveProtocol};
+use crate::config::checked::{Cia402, DriveConfig, DriveMode, DriveProtocol};
 use crate::msg::CanFrame;
 use crate::sim::objects::{Objects, PdoSetup, Plate};
 use crate::sim::torque_delay::TorqueDelay;
@@ -28,6 +29,7 @@ const MODE_PROFILE_TORQUE: u32 = 4;
 #[derive(Clone, Debug)]
 pub struct Cia402Drive {
     node: Node,
+    mode: DriveMode,
     plate: Plate,
     objects: Objects,
     electrics: Electrics,
@@ -67,6 +69,7 @@ impl Cia402Drive {
         let plate = Plate { node, rated_torque_mnm, supported_modes };
         Self {
             node,
+            mode: config.mode,
             plate,
             objects: Objects::new(plate),
             electrics,
@@ -174,21 +177,24 @@ impl Cia402Drive {
         self.analog_counts = counts;
     }
 
-    /// A frame on its bus; what it answers goes to `out`.
-    pub fn hear(&mut self, now: Stamp, frame: &CanFrame, out: &mut Vec<CanFrame>) {
+    /// A frame on its bus; what it answers goes to `out`. True if it was a command to this drive.
+    pub fn hear(&mut self, now: Stamp, frame: &CanFrame, out: &mut Vec<CanFrame>) -> bool {
         // Of what others say it listens to the heartbeat of the one it watches.
         let is_other = !may_name(frame, self.node.number()) && !may_name(frame, self.watched_node().number());
         if self.defects.unplugged || is_other {
-            return;
+            return false;
         }
-        let Ok(message) = Message::parse(frame) else { return };
+        let Ok(message) = Message::parse(frame) else { return false };
         if self.booting_until.is_some() {
-            return;
+            return false;
         }
         match message {
             Message::Nmt(command, node) if node.is_none_or(|n| n == self.node) => self.obey(now, command),
             Message::Sync(_) => self.on_sync(out),
-            Message::Rpdo(_, node, pdo) if node == self.node => self.on_command(now, frame, pdo, out),
+            Message::Rpdo(_, node, pdo) if node == self.node => {
+                self.on_command(now, frame, pdo, out);
+                return true;
+            }
             Message::SdoRequest(node, request) if node == self.node && !self.defects.mute_server => {
                 let flowing = self.nmt == NmtState::Operational;
                 if self.nmt != NmtState::Stopped {
@@ -202,6 +208,41 @@ impl Cia402Drive {
             }
             _ => {}
         }
+        false
+    }
+
+    /// What this frame asks of the drive, mapped as the configuration has it; see [`super::SimDrive::asked`].
+    pub(super) fn asked(&mut self, frame: &CanFrame) -> Option<Asked> {
+        let Ok(Message::Rpdo(1, node, pdo)) = Message::parse(frame) else { return None };
+        if node != self.node {
+            return None;
+        }
+        if self.rpdo.entries.is_empty() {
+            let mapping = match self.mode {
+                DriveMode::CyclicTorque => pdo::TORQUE_COMMAND,
+                DriveMode::CyclicPosition => pdo::POSITION_COMMAND,
+            };
+            self.rpdo.entries = mapping.to_vec();
+        }
+        let mut ends_enabled = |state: State| {
+            (self.state, self.controlword) = (state, cia402::SWITCH_ON);
+            self.apply(&pdo, &mut Vec::new());
+            self.state == State::Enabled
+        };
+        let powers = ends_enabled(State::SwitchedOn);
+        let keeps = ends_enabled(State::Enabled);
+        let motion = match self.mode {
+            // Without power too: it would act on it as soon as it has some.
+            DriveMode::CyclicTorque => {
+                let [low, high, ..] = self.objects.raw(0x6071, 0).to_le_bytes();
+                Motion::Torque(f64::from(i16::from_le_bytes([low, high])))
+            }
+            DriveMode::CyclicPosition if keeps => {
+                Motion::Position { counts: f64::from(self.objects.raw(0x607A, 0).cast_signed()), most_permille: None }
+            }
+            DriveMode::CyclicPosition => Motion::Off,
+        };
+        Some(Asked { powers, motion })
     }
 
     /// What a broken object server makes of an answer.
@@ -306,7 +347,7 @@ impl Cia402Drive {
         if self.nmt != NmtState::Operational || self.rpdo.id.map(u32::from) != Some(frame.id) {
             return;
         }
-        if pdo.len < crate::bus::pdo::mapped_bytes(&self.rpdo.entries) {
+        if pdo.len < pdo::mapped_bytes(&self.rpdo.entries) {
             self.shout(EMCY_PDO_TOO_SHORT, out);
             return;
         }

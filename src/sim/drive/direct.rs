@@ -3,7 +3,7 @@
 use super::mit::MitFace;
 use super::moteus::MoteusFace;
 use super::odrive::OdriveFace;
-use super::{Defects, Electrics};
+use super::{Asked, Defects, Electrics, Motion};
 use crate::base::time::{Span, Stamp};
 use crate::bus::cia402::State;
 use crate::config::checked::{DriveConfig, DriveMode, DriveProtocol};
@@ -21,8 +21,8 @@ pub(super) enum Target {
     Off,
     /// A torque, Nm.
     Torque(f64),
-    /// A position, turns.
-    Position(f64),
+    /// A position, turns, with at most this torque, Nm, if the command says so.
+    Position(f64, Option<f64>),
 }
 
 /// Motor, encoder and current loop.
@@ -73,15 +73,17 @@ impl Motor {
                 let limit = self.limit_permille.min(self.electrics.limit_permille);
                 (1e3 * nm / self.rated_nm).clamp(-limit, limit)
             }
-            Target::Off | Target::Torque(_) | Target::Position(_) => 0.0,
+            Target::Off | Target::Torque(_) | Target::Position(..) => 0.0,
         }
     }
 }
 
 /// What a protocol's face must do.
 pub(super) trait Face {
-    /// A frame on the bus.
-    fn hear(&mut self, now: Stamp, frame: &CanFrame, motor: &mut Motor, bench: &mut Bench<'_>);
+    /// A frame on the bus. True if it was a command to this drive.
+    fn hear(&mut self, now: Stamp, frame: &CanFrame, motor: &mut Motor, bench: &mut Bench<'_>) -> bool;
+    /// Has power, or not, without a fault and with no command in its memory.
+    fn set_power(&mut self, on: bool);
     /// Once a ms: watchdog, words of its own.
     fn tick(&mut self, now: Stamp, motor: &mut Motor, bench: &mut Bench<'_>);
     /// Power was lost: all is forgotten.
@@ -201,7 +203,7 @@ impl DirectDrive {
     #[expect(clippy::cast_possible_truncation, reason = "a stroke of some turns")]
     pub fn target_counts(&self) -> Option<i32> {
         match self.motor.target {
-            Target::Position(turns) if self.mode == DriveMode::CyclicPosition => {
+            Target::Position(turns, _) if self.mode == DriveMode::CyclicPosition => {
                 Some((libm::round(turns * self.motor.counts_per_turn) as i32).saturating_add(self.motor.count_zero))
             }
             _ => None,
@@ -236,14 +238,40 @@ impl DirectDrive {
         self.motor.shaft_counts = counts;
     }
 
-    /// A frame on its bus.
-    pub fn hear(&mut self, now: Stamp, frame: &CanFrame, out: &mut Vec<CanFrame>) {
+    /// A frame on its bus. True if it was a command to this drive.
+    pub fn hear(&mut self, now: Stamp, frame: &CanFrame, out: &mut Vec<CanFrame>) -> bool {
         if self.defects.unplugged || self.booting_until.is_some() {
-            return;
+            return false;
         }
         self.motor.observe(now);
         let mut bench = Bench { defects: self.defects, out };
-        self.face.get().hear(now, frame, &mut self.motor, &mut bench);
+        self.face.get().hear(now, frame, &mut self.motor, &mut bench)
+    }
+
+    fn hear_with_power(&mut self, on: bool, frame: &CanFrame) -> bool {
+        self.face.get().set_power(on);
+        self.motor.target = Target::Off;
+        self.hear(Stamp::default(), frame, &mut Vec::new())
+    }
+
+    /// What this frame asks of the drive at rest; see [`super::SimDrive::asked`].
+    pub(super) fn asked(&mut self, frame: &CanFrame) -> Option<Asked> {
+        self.booting_until = None;
+        self.hear_with_power(false, frame);
+        let powers = self.state() == State::Enabled;
+        if !self.hear_with_power(true, frame) {
+            return None;
+        }
+        let permille = |nm: f64| 1e3 * nm / self.motor.rated_nm;
+        let motion = match self.motor.target {
+            Target::Off => Motion::Off,
+            Target::Torque(nm) => Motion::Torque(permille(nm)),
+            Target::Position(turns, most_nm) => {
+                let counts = turns * self.motor.counts_per_turn;
+                Motion::Position { counts, most_permille: most_nm.map(permille) }
+            }
+        };
+        Some(Asked { powers, motion })
     }
 
     /// What it does by itself, once per millisecond.

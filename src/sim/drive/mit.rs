@@ -41,7 +41,7 @@ impl MitFace {
         motor.target = if !self.on || self.fault != 0 {
             Target::Off
         } else if held.stiffness_nm_rad > 0.5 * self.mit.stiffness_range_nm_rad / 4095.0 {
-            Target::Position(held.position_rad / TAU)
+            Target::Position(held.position_rad / TAU, None)
         } else {
             let damping = held.damping_nm_s_rad * (held.velocity_rad_s - motor.velocity_turns_s() * TAU);
             Target::Torque(held.torque_nm + damping)
@@ -93,7 +93,8 @@ impl MitFace {
         }
     }
 
-    fn on_ordinary(&mut self, data: [u8; 8], motor: &mut Motor, bench: &mut Bench<'_>) {
+    /// True if it is a command, not a question.
+    fn on_ordinary(&mut self, data: [u8; 8], motor: &mut Motor, bench: &mut Bench<'_>) -> bool {
         let mut answer = [data[0], 0, 0, 0, 0, 0, 0, 0];
         match data[0] {
             rmd::ANGLE => {
@@ -114,10 +115,11 @@ impl MitFace {
             rmd::RELEASE_BRAKE => self.on = self.fault == 0,
             rmd::RESET => self.reset(),
             rmd::STATUS => {}
-            _ => return,
+            _ => return false,
         }
         self.act(motor);
         bench.answer(CanFrame::classic(rmd::ANSWER + u32::from(self.node), &answer));
+        matches!(data[0], rmd::SHUT_DOWN | rmd::RELEASE_BRAKE | rmd::RESET)
     }
 
     fn on_register(&self, data: [u8; 8], bench: &mut Bench<'_>) {
@@ -142,9 +144,9 @@ impl MitFace {
 }
 
 impl Face for MitFace {
-    fn hear(&mut self, now: Stamp, frame: &CanFrame, motor: &mut Motor, bench: &mut Bench<'_>) {
+    fn hear(&mut self, now: Stamp, frame: &CanFrame, motor: &mut Motor, bench: &mut Bench<'_>) -> bool {
         if frame.len != 8 || frame.is_fd() {
-            return;
+            return false;
         }
         let data = frame.first_eight();
         if frame.id == self.mit.command_id(self.node) {
@@ -155,12 +157,20 @@ impl Face for MitFace {
             }
             self.act(motor);
             self.reply(motor, bench);
-        } else if self.mit.dialect == MitDialect::MyActuator && frame.id == rmd::COMMAND + u32::from(self.node) {
+            return true;
+        }
+        if self.mit.dialect == MitDialect::MyActuator && frame.id == rmd::COMMAND + u32::from(self.node) {
             self.heard = Some(now);
-            self.on_ordinary(data, motor, bench);
-        } else if self.mit.dialect == MitDialect::Damiao && frame.id == register::ID {
+            return self.on_ordinary(data, motor, bench);
+        }
+        if self.mit.dialect == MitDialect::Damiao && frame.id == register::ID {
             self.on_register(data, bench);
         }
+        false
+    }
+
+    fn set_power(&mut self, on: bool) {
+        (self.on, self.fault, self.held) = (on, 0, Setpoint::default());
     }
 
     /// Without commands: a Damiao reports an error and goes off, the others act on a command of zeros.

@@ -54,6 +54,31 @@ pub struct Defects {
     pub other_dialect: bool,
 }
 
+/// What a frame asks of the drive that it is for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Asked {
+    /// A drive that has none gets power by it.
+    pub powers: bool,
+    /// What a drive that has power does about it.
+    pub motion: Motion,
+}
+
+/// What a drive is asked to do, before any limit of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Motion {
+    /// Be without power.
+    Off,
+    /// Make this torque, 1/1000 of rated.
+    Torque(f64),
+    /// Go to this place.
+    Position {
+        /// Where, in the drive's own counts.
+        counts: f64,
+        /// With at most this torque, 1/1000 of rated; `None` = the protocol says it elsewhere or not at all.
+        most_permille: Option<f64>,
+    },
+}
+
 /// The electrical side of a drive, in 1/1000 of rated torque.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Electrics {
@@ -187,11 +212,25 @@ impl SimDrive {
         }
     }
 
-    /// A frame on its bus; what it answers goes to `out`.
-    pub fn hear(&mut self, now: Stamp, frame: &CanFrame, out: &mut Vec<CanFrame>) {
+    /// A frame on its bus; what it answers goes to `out`. True if it was a command to this drive.
+    pub fn hear(&mut self, now: Stamp, frame: &CanFrame, out: &mut Vec<CanFrame>) -> bool {
         match self {
             Self::Cia402(drive) => drive.hear(now, frame, out),
             Self::Direct(drive) => drive.hear(now, frame, out),
+        }
+    }
+
+    /// A drive on no bus, in which frames are read: [`Self::asked`].
+    #[must_use]
+    pub fn reader(config: &DriveConfig) -> Self {
+        Self::new(config, Electrics { lag_s: 0.0, delay: Span::ZERO, limit_permille: f64::INFINITY })
+    }
+
+    /// What this frame asks of the drive, read as the drive itself reads it; `None` if it is no command to it.
+    pub fn asked(&mut self, frame: &CanFrame) -> Option<Asked> {
+        match self {
+            Self::Cia402(drive) => drive.asked(frame),
+            Self::Direct(drive) => drive.asked(frame),
         }
     }
 

@@ -46,7 +46,7 @@ impl MoteusFace {
         let Registers([position, _, torque_nm, kp, _, max_torque_nm, ..]) = self.registers;
         let most = if max_torque_nm.is_nan() { f64::INFINITY } else { max_torque_nm.abs() };
         motor.target = match self.mode {
-            moteus::POSITION_MODE if position.is_finite() && kp > 0.0 => Target::Position(position),
+            moteus::POSITION_MODE if position.is_finite() && kp > 0.0 => Target::Position(position, Some(most)),
             moteus::POSITION_MODE => Target::Torque(torque_nm.clamp(-most, most)),
             _ => Target::Off,
         };
@@ -78,15 +78,15 @@ impl MoteusFace {
 }
 
 impl Face for MoteusFace {
-    fn hear(&mut self, now: Stamp, frame: &CanFrame, motor: &mut Motor, bench: &mut Bench<'_>) {
+    fn hear(&mut self, now: Stamp, frame: &CanFrame, motor: &mut Motor, bench: &mut Bench<'_>) -> bool {
         if !moteus::is_to(self.node, frame.id) {
-            return;
+            return false;
         }
-        let mut asked = Vec::new();
+        let (mut asked, mut command) = (Vec::new(), false);
         for item in moteus::items(frame.payload()) {
             match item {
                 Item::Write(moteus::MODE, value) => {
-                    self.heard = Some(now);
+                    (self.heard, command) = (Some(now), true);
                     self.write_mode(value.small().unwrap_or(moteus::STOPPED));
                 }
                 Item::Write(register, value) => {
@@ -103,6 +103,12 @@ impl Face for MoteusFace {
         if frame.id & CanFrame::EXTENDED != 0 {
             self.answer_reads(&asked, motor, bench);
         }
+        command
+    }
+
+    fn set_power(&mut self, on: bool) {
+        self.mode = if on { moteus::POSITION_MODE } else { moteus::STOPPED };
+        (self.fault, self.registers) = (0, Registers::default());
     }
 
     /// Without a command in time: latched, no torque (its `timeout_mode` set to 0).

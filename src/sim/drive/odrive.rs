@@ -48,7 +48,7 @@ impl OdriveFace {
             (odrive::CLOSED_LOOP, Target::Torque(_)) if self.control == odrive::CONTROL_TORQUE => self.wanted,
             (odrive::CLOSED_LOOP, _) if self.control == odrive::CONTROL_TORQUE => Target::Torque(0.0),
             // Position control without a command drives to zero: that is the trap.
-            (odrive::CLOSED_LOOP, _) => Target::Position(0.0),
+            (odrive::CLOSED_LOOP, _) => Target::Position(0.0, None),
             _ => Target::Off,
         };
     }
@@ -105,9 +105,9 @@ impl OdriveFace {
 }
 
 impl Face for OdriveFace {
-    fn hear(&mut self, now: Stamp, frame: &CanFrame, motor: &mut Motor, bench: &mut Bench<'_>) {
+    fn hear(&mut self, now: Stamp, frame: &CanFrame, motor: &mut Motor, bench: &mut Bench<'_>) -> bool {
         if (frame.id & !CanFrame::REMOTE) >> 5 != u32::from(self.node) || frame.is_fd() {
-            return;
+            return false;
         }
         // Any message feeds the watchdog, questions too.
         self.fed = Some(now);
@@ -117,11 +117,17 @@ impl Face for OdriveFace {
                 let version = self.version(bench);
                 bench.answer(version);
             }
-            return;
+            return false;
         }
         if self.obey(command, frame.payload()).is_some() {
             self.act(motor);
         }
+        matches!(command, odrive::SET_STATE | odrive::STOP | odrive::INPUT_TORQUE)
+    }
+
+    fn set_power(&mut self, on: bool) {
+        (self.state, self.error) = (if on { odrive::CLOSED_LOOP } else { odrive::IDLE }, 0);
+        (self.control, self.wanted) = (odrive::CONTROL_TORQUE, Target::Off);
     }
 
     fn tick(&mut self, now: Stamp, motor: &mut Motor, bench: &mut Bench<'_>) {

@@ -1,15 +1,33 @@
 //! What must hold in every tick, whatever happens to wires, devices, operator and host. RT: no.
 //!
-//! 1. No torque unless armed: neither let through, nor commanded, nor in a frame to the hip's drive, and no goal `Enabled`
-//!    but while armed, arming, or (toes only) homing.
+//! 1. No torque unless armed: neither let through, nor commanded, nor in a frame to the hip's drive; no goal `Enabled`, and no
+//!    frame that gives power, but while armed, arming, or (toes only) homing.
 //! 2. Torque is finite and within its limit; toe lengths are finite and within their stroke.
-//! 3. What goes out was decided in this tick: no hip command is older than one period, no toe command older than one
-//!    round.
+//! 3. What goes out was decided in this tick. When a drive that has power takes it from the wire, a command to the hip is not
+//!    older than one period, one to a toe not older than one round. On a bus that a fault of the bus was drawn for, a frame may
+//!    wait: there the bound is the drive's watchdog, by which a drive that hears nothing lets go. A drive that is commanded frame
+//!    by frame may keep its power then (most MIT motors), or get it by the old frame itself: it may follow that until the power
+//!    off that is queued behind it.
 //! 4. A fault stays latched, the same one, until the switch was seen open and is pressed again.
 
-use crate::bus::canopen::{Message, Node};
-use crate::config::checked::{Config, DriveProtocol};
-use crate::msg::{BUSES, Drive, DriveGoal, Fault, Mode, TOES, TickRecord};
+use crate::base::time::Span;
+use crate::bus::budget::Plan;
+use crate::config::checked::{Config, DriveConfig, DriveProtocol};
+use crate::config::fault::{Device, Injection};
+use crate::msg::{BUSES, CanFrame, DRIVES, Drive, DriveCommand, DriveGoal, Fault, Mode, TOES, TickRecord};
+use crate::sim::drive::{Asked, Motion, SimDrive};
+use crate::sim::plant::Waited;
+
+/// A torque or count that differs by less is the same: the protocols carry 32 bit floats.
+const ROUNDING: f64 = 0.01;
+/// Steps of an MIT motor's code of torque.
+const MIT_STEPS: f64 = 4095.0;
+/// The first commands to a drive that has just got power carry where it stands.
+const FIRST_PLACES: u32 = 2;
+/// An old command is followed for no longer than two frames take.
+const FOLLOWS_OLD: Span = Span::from_us(300);
+/// After its watchdog's time a drive lets go at its next look at its timers.
+const WATCHDOG_LOOK: Span = Span::from_ms(1);
 
 /// An invariant that does not hold.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -23,6 +41,9 @@ pub enum Breach {
     /// See 3.
     #[error("an old command: {0}")]
     Old(&'static str),
+    /// See 3.
+    #[error("{0:?} followed a command that had waited {1:?}")]
+    Waited(Drive, Span),
     /// See 4.
     #[error("the latched fault {0:?} was left for {1:?} without a fresh press")]
     Unlatched(Fault, Mode),
@@ -34,25 +55,24 @@ pub struct Invariants {
     torque_limit_nm: f64,
     stroke_m: f64,
     max_permille: i32,
-    hip_node: Option<Node>,
-    hip_bus: usize,
+    readers: Vec<Reader>,
+    most_wait: [Wait; DRIVES],
     mode: Mode,
     first_fault: Fault,
     held: bool,
 }
 
 impl Invariants {
-    /// For this robot, from before its first tick.
+    /// For this robot with these faults, from before its first tick.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        let hip = &config.robot.drives[Drive::Hip as usize];
-        let canopen = matches!(hip.protocol, DriveProtocol::Cia402(_));
+        let robot = &config.robot;
         Self {
-            torque_limit_nm: config.robot.limits.hip_torque_nm,
-            stroke_m: config.robot.toe.stroke_m,
-            max_permille: i32::from(hip.max_torque_permille),
-            hip_node: Node::new(hip.node).filter(|_| canopen),
-            hip_bus: hip.bus.min(BUSES - 1),
+            torque_limit_nm: robot.limits.hip_torque_nm,
+            stroke_m: robot.toe.stroke_m,
+            max_permille: i32::from(robot.drives[Drive::Hip as usize].max_torque_permille),
+            readers: Drive::ALL.iter().zip(&robot.drives).map(|(drive, config)| Reader::new(*drive, config)).collect(),
+            most_wait: std::array::from_fn(|drive| most_wait(config, drive)),
             mode: Mode::Starting,
             first_fault: Fault::default(),
             held: false,
@@ -91,22 +111,27 @@ impl Invariants {
     }
 
     /// What is in the frames is what was decided now.
-    fn wire(&self, record: &TickRecord) -> Result<(), Breach> {
+    fn wire(&mut self, record: &TickRecord) -> Result<(), Breach> {
         if record.allowed.stamp != record.input.now || record.drives.stamp != record.input.now {
             return Err(Breach::Old("decided in another tick"));
         }
-        let decided = record.drives.drives[Drive::Hip as usize].torque_permille;
-        for frame in &record.output.send[self.hip_bus] {
-            let Ok(Message::Rpdo(1, node, pdo)) = Message::parse(&frame.frame) else { continue };
-            if Some(node) != self.hip_node {
-                continue;
+        for reader in &mut self.readers {
+            for frame in &record.output.send[reader.bus] {
+                reader.read(record, &frame.frame)?;
             }
-            let sent = i16::from_le_bytes([pdo.data[2], pdo.data[3]]);
-            if sent != 0 && record.status.mode != Mode::Armed {
-                return Err(Breach::TorqueUnarmed(record.status.mode, "in a frame"));
-            }
-            if sent != 0 && sent != decided {
-                return Err(Breach::Old("torque in a frame is not the one decided"));
+        }
+        Ok(())
+    }
+
+    /// What waited longest of all that each drive took from the wire while it was enabled.
+    ///
+    /// # Errors
+    /// The drive that followed an old command.
+    pub fn look_at_ages(&self, waited: &[Waited; DRIVES]) -> Result<(), Breach> {
+        for (drive, (waited, rule)) in Drive::ALL.iter().zip(waited.iter().zip(&self.most_wait)) {
+            let excused = rule.by_frames && waited.followed_old <= FOLLOWS_OLD;
+            if waited.longest > rule.most && !excused {
+                return Err(Breach::Waited(*drive, waited.longest));
             }
         }
         Ok(())
@@ -121,6 +146,128 @@ impl Invariants {
         }
         Ok(())
     }
+}
+
+/// Reads the frames to one drive as the simulated drive does.
+#[derive(Clone, Debug)]
+struct Reader {
+    drive: Drive,
+    bus: usize,
+    protocol: DriveProtocol,
+    reader: SimDrive,
+    max_permille: f64,
+    /// A step of the code: as near to zero, or to what was decided, as the protocol comes. An MIT setpoint is cut off downwards.
+    step_permille: f64,
+    /// So many commands of this arming may still say where it stands.
+    first_places: u32,
+    /// From the place decided to the one in the frame: where the drive began to count.
+    zero_counts: Option<f64>,
+}
+
+impl Reader {
+    fn new(drive: Drive, config: &DriveConfig) -> Self {
+        let step_permille = match config.protocol {
+            DriveProtocol::Mit(mit) => 2e3 * mit.torque_range_nm / MIT_STEPS / config.rated_torque_nm,
+            _ => 0.0,
+        };
+        Self {
+            drive,
+            bus: config.bus.min(BUSES - 1),
+            protocol: config.protocol,
+            reader: SimDrive::reader(config),
+            max_permille: f64::from(config.max_torque_permille),
+            step_permille: step_permille + ROUNDING,
+            first_places: FIRST_PLACES,
+            zero_counts: None,
+        }
+    }
+
+    fn read(&mut self, record: &TickRecord, frame: &CanFrame) -> Result<(), Breach> {
+        let Some(Asked { powers, motion }) = self.reader.asked(frame) else { return Ok(()) };
+        let mode = record.status.mode;
+        let may_have_power = match self.drive {
+            Drive::Hip => matches!(mode, Mode::Armed | Mode::Arming),
+            _ => matches!(mode, Mode::Armed | Mode::Arming | Mode::Homing),
+        };
+        if powers && !may_have_power {
+            return Err(Breach::TorqueUnarmed(mode, "a frame gives power"));
+        }
+        let decided = &record.drives.drives[self.drive as usize];
+        match (self.drive, motion) {
+            (_, Motion::Off) => Ok(()),
+            (Drive::Hip, Motion::Torque(permille)) => self.hip_torque(mode, permille, decided),
+            (Drive::Hip, Motion::Position { counts, .. }) => {
+                Err(Breach::OutOfLimits("the hip is sent to a place", counts))
+            }
+            // As an MIT motor is off: no stiffness.
+            (_, Motion::Torque(permille)) if permille.abs() <= self.step_permille => Ok(()),
+            (_, Motion::Torque(permille)) => Err(Breach::OutOfLimits("a toe is asked for torque, 1/1000", permille)),
+            (_, Motion::Position { .. }) if !may_have_power => Err(Breach::TorqueUnarmed(mode, "a toe in a frame")),
+            (_, Motion::Position { counts, most_permille }) => {
+                let most = most_permille.unwrap_or(0.0);
+                if !(0.0..=self.max_permille + ROUNDING).contains(&most) {
+                    return Err(Breach::OutOfLimits("torque of a toe, 1/1000", most));
+                }
+                self.toe_place(mode, counts, decided)
+            }
+        }
+    }
+
+    fn hip_torque(&self, mode: Mode, permille: f64, decided: &DriveCommand) -> Result<(), Breach> {
+        if !permille.is_finite() || permille.abs() > self.max_permille + self.step_permille {
+            return Err(Breach::OutOfLimits("hip torque in a frame, 1/1000", permille));
+        }
+        let is_none = permille.abs() <= self.step_permille;
+        let is_decided = (permille - f64::from(decided.torque_permille)).abs() <= self.step_permille;
+        match mode {
+            _ if is_none => Ok(()),
+            Mode::Armed if is_decided => Ok(()),
+            Mode::Armed => Err(Breach::Old("torque in a frame is not the one decided")),
+            _ => Err(Breach::TorqueUnarmed(mode, "in a frame")),
+        }
+    }
+
+    /// Places decided and sent differ by where the drive began to count, which stays while it is armed. An MIT motor, which
+    /// knows no torque limit, is led in small steps instead.
+    fn toe_place(&mut self, mode: Mode, counts: f64, decided: &DriveCommand) -> Result<(), Breach> {
+        if !counts.is_finite() {
+            return Err(Breach::OutOfLimits("toe in a frame, counts", counts));
+        }
+        if mode != Mode::Armed {
+            (self.first_places, self.zero_counts) = (FIRST_PLACES, None);
+        } else if self.first_places > 0 {
+            self.first_places -= 1;
+        } else if !decided.hold && !matches!(self.protocol, DriveProtocol::Mit(_)) {
+            let zero_counts = counts - f64::from(decided.position_counts);
+            // A 32 bit float has 24 bits for the place.
+            let rounding = 1.0 + 1e-7 * counts.abs();
+            if (zero_counts - *self.zero_counts.get_or_insert(zero_counts)).abs() > rounding {
+                return Err(Breach::Old("a toe's place in a frame is not the one decided"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Longest that a command to a drive may wait for its wire.
+#[derive(Clone, Copy, Debug, Default)]
+struct Wait {
+    most: Span,
+    /// A drive that is commanded frame by frame, on a bus that suffers.
+    by_frames: bool,
+}
+
+fn most_wait(config: &Config, drive: usize) -> Wait {
+    let Some(of) = config.robot.drives.get(drive) else { return Wait::default() };
+    let suffers = |fault: &Injection| fault.entry.device == Device::Bus && fault.bus == of.bus;
+    if config.simulation.faults.iter().any(suffers) {
+        return Wait { most: Span(of.watchdog.0 + WATCHDOG_LOOK.0), by_frames: !of.is_canopen() };
+    }
+    let turns = match drive {
+        0 => 1,
+        _ => Plan::new(&config.robot, of.bus).map_or(1, |plan| plan.round),
+    };
+    Wait { most: Span(config.real_time.period.0 * i64::from(turns)), by_frames: false }
 }
 
 fn unarmed(record: &TickRecord) -> Result<(), Breach> {
@@ -150,4 +297,158 @@ fn unarmed(record: &TickRecord) -> Result<(), Breach> {
 /// The same by its bits: a value may be no number.
 fn same_fault(a: &Fault, b: &Fault) -> bool {
     (a.code, a.index, a.stamp, a.value.to_bits()) == (b.code, b.index, b.stamp, b.value.to_bits())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::canopen::{Message, Node};
+    use crate::bus::{mit, moteus, odrive, pdo};
+    use crate::config;
+    use crate::msg::BusFrame;
+    use crate::sim::trouble::table::robot_for;
+
+    fn robot(name: &str) -> Config {
+        let mixed = ("mixed.toml", include_str!("../../../config/examples/mixed.toml"));
+        let others = [Device::Bus, Device::Mit, Device::Odrive, Device::Moteus].map(robot_for);
+        let (name, text) = others.into_iter().chain([mixed]).find(|(known, _)| *known == name).unwrap();
+        config::load_text(name, text, &[]).unwrap().config
+    }
+
+    /// What is said of a tick in which this torque was decided and this frame goes out.
+    fn look(config: &Config, mode: Mode, decided_permille: i16, bus: usize, frame: CanFrame) -> Result<(), Breach> {
+        let mut record = TickRecord::default();
+        record.status.mode = mode;
+        record.drives.drives[Drive::Hip as usize].torque_permille = decided_permille;
+        record.output.send[bus].push(BusFrame::ours(record.input.now, frame));
+        Invariants::new(config).look(&record)
+    }
+
+    /// A frame of this protocol that asks the hip for so much torque, 1/1000 of rated.
+    fn hip_frame(config: &Config, permille: f64) -> CanFrame {
+        let hip = &config.robot.drives[Drive::Hip as usize];
+        let torque_nm = 1e-3 * permille * hip.rated_torque_nm;
+        match hip.protocol {
+            DriveProtocol::Cia402(_) => {
+                let pdo = pdo::torque_command(0, permille as i16);
+                Message::Rpdo(1, Node::new(hip.node).unwrap(), pdo).emit()
+            }
+            DriveProtocol::Mit(mit) => {
+                let setpoint = mit::Setpoint { torque_nm, ..mit::Setpoint::default() };
+                CanFrame::classic(mit.command_id(hip.node), &setpoint.emit(&mit))
+            }
+            DriveProtocol::Odrive(_) => {
+                odrive::frame(hip.node, odrive::INPUT_TORQUE, &(torque_nm as f32).to_le_bytes())
+            }
+            DriveProtocol::Moteus(_) => moteus::command(hip.node, &moteus_command(f32::NAN, torque_nm as f32, 0.0)),
+        }
+    }
+
+    fn moteus_command(position: f32, torque_nm: f32, gain: f32) -> moteus::Command {
+        moteus::Command { position, torque_nm, gain, max_torque_nm: 1e6, watchdog_s: 0.05 }
+    }
+
+    #[test]
+    fn torque_in_a_frame_is_judged_in_every_protocol() {
+        for name in ["default", "mit.toml", "odrive.toml", "moteus.toml"] {
+            let config = robot(name);
+            let most = f64::from(config.robot.drives[0].max_torque_permille);
+            let look = |mode, decided, permille| look(&config, mode, decided, 0, hip_frame(&config, permille));
+            assert_eq!(look(Mode::Armed, 100, 100.0), Ok(()), "{name}");
+            assert!(matches!(look(Mode::Armed, 100, 110.0), Err(Breach::Old(_))), "{name}");
+            assert!(matches!(look(Mode::Armed, 100, -100.0), Err(Breach::Old(_))), "{name}");
+            assert!(matches!(look(Mode::Armed, 0, most + 10.0), Err(Breach::OutOfLimits(..))), "{name}");
+            for mode in [Mode::Starting, Mode::Homing, Mode::Arming, Mode::Faulted] {
+                let breach = look(mode, 0, 100.0);
+                assert!(matches!(breach, Err(Breach::TorqueUnarmed(..))), "{name}, {mode:?}: {breach:?}");
+            }
+        }
+        for name in ["odrive.toml", "moteus.toml"] {
+            let config = robot(name);
+            let breach = look(&config, Mode::Armed, 0, 0, hip_frame(&config, f64::NAN));
+            assert!(matches!(breach, Err(Breach::OutOfLimits(..))), "{name}: {breach:?}");
+        }
+    }
+
+    #[test]
+    fn a_frame_that_gives_power_is_judged_in_every_protocol() {
+        let special = |config: &Config| match config.robot.drives[0].protocol {
+            DriveProtocol::Mit(mit) => CanFrame::classic(mit.command_id(1), &mit::Special::Enter.emit()),
+            _ => unreachable!("an MIT robot"),
+        };
+        let enable = Message::Rpdo(1, Node::new(1).unwrap(), pdo::torque_command(0x0F, 0)).emit();
+        let closed_loop = |node| odrive::frame(node, odrive::SET_STATE, &u32::from(odrive::CLOSED_LOOP).to_le_bytes());
+        let torque = moteus_command(f32::NAN, 0.0, 0.0);
+        for (name, frame) in [
+            ("default", enable),
+            ("mit.toml", special(&robot("mit.toml"))),
+            ("odrive.toml", closed_loop(robot("odrive.toml").robot.drives[0].node)),
+            ("moteus.toml", moteus::command(robot("moteus.toml").robot.drives[0].node, &torque)),
+        ] {
+            assert_eq!(look(&robot(name), Mode::Arming, 0, 0, frame), Ok(()), "{name}");
+            let breach = look(&robot(name), Mode::Homing, 0, 0, frame);
+            assert_eq!(breach, Err(Breach::TorqueUnarmed(Mode::Homing, "a frame gives power")), "{name}");
+        }
+    }
+
+    #[test]
+    fn toes_are_judged_by_their_frames() {
+        let config = robot("mixed.toml");
+        let toe = &config.robot.drives[Drive::OuterToeA as usize];
+        let most_nm = 1e-3 * f64::from(toe.max_torque_permille) * toe.rated_torque_nm;
+        let go = |max_torque_nm: f64| {
+            let command = moteus::Command { max_torque_nm: max_torque_nm as f32, ..moteus_command(1.0, 0.0, 1.0) };
+            moteus::command(toe.node, &command)
+        };
+        assert_eq!(look(&config, Mode::Homing, 0, 1, go(most_nm)), Ok(()));
+        assert!(matches!(look(&config, Mode::Homing, 0, 1, go(1.1 * most_nm)), Err(Breach::OutOfLimits(..))));
+        assert!(matches!(look(&config, Mode::Faulted, 0, 1, go(most_nm)), Err(Breach::TorqueUnarmed(..))));
+        let pushes = moteus::command(toe.node, &moteus_command(f32::NAN, 0.1, 0.0));
+        assert!(matches!(look(&config, Mode::Armed, 0, 1, pushes), Err(Breach::OutOfLimits(..))));
+    }
+
+    #[test]
+    fn a_toe_that_is_sent_elsewhere_than_decided_is_noticed() {
+        let config = robot("default");
+        let toe = Drive::InnerToeA as usize;
+        let (node, bus) = (Node::new(config.robot.drives[toe].node).unwrap(), config.robot.drives[toe].bus);
+        let mut invariants = Invariants::new(&config);
+        let mut send = |decided: i32, counts: i32| {
+            let mut record = TickRecord::default();
+            record.status.mode = Mode::Armed;
+            record.drives.drives[toe].position_counts = decided;
+            let frame = Message::Rpdo(1, node, pdo::position_command(0x0F, counts)).emit();
+            record.output.send[bus].push(BusFrame::ours(record.input.now, frame));
+            invariants.look(&record)
+        };
+        // The first two say where it stands; then its zero is at -500.
+        for (decided, counts) in [(9000, 7777), (9000, 7777), (9000, 8500), (9200, 8700)] {
+            assert_eq!(send(decided, counts), Ok(()));
+        }
+        assert!(matches!(send(9400, 8700), Err(Breach::Old(_))), "the place of the command before");
+    }
+
+    #[test]
+    fn a_command_may_wait_a_period_or_a_round_and_on_a_bus_that_suffers_as_long_as_the_watchdog() {
+        let mut config = robot("default");
+        let looks = |config: &Config, drive: Drive, ms: i64| {
+            let mut waited = [Waited::default(); DRIVES];
+            waited[drive as usize].longest = Span::from_ms(ms);
+            Invariants::new(config).look_at_ages(&waited).is_ok()
+        };
+        assert!(looks(&config, Drive::Hip, 1) && !looks(&config, Drive::Hip, 2));
+        assert!(looks(&config, Drive::OuterToeB, 4) && !looks(&config, Drive::OuterToeB, 5));
+        config.simulation.faults = vec![Injection::parse("no_acknowledge@3:bus=0").unwrap()];
+        assert!(looks(&config, Drive::Hip, 51) && !looks(&config, Drive::Hip, 52));
+        assert!(!looks(&config, Drive::OuterToeB, 5), "on the other bus");
+        let mut config = robot("mit.toml");
+        let follows = |config: &Config, us: i64| {
+            let mut waited = [Waited::default(); DRIVES];
+            (waited[0].longest, waited[0].followed_old) = (Span::from_ms(1000), Span::from_us(us));
+            Invariants::new(config).look_at_ages(&waited).is_ok()
+        };
+        assert!(!follows(&config, 200), "no fault of the bus");
+        config.simulation.faults = vec![Injection::parse("no_acknowledge@3:bus=0").unwrap()];
+        assert!(follows(&config, 200) && !follows(&config, 1000));
+    }
 }
