@@ -557,6 +557,29 @@ mod of_one_protocol {
         }
     }
 
+    /// A frame that a card has taken cannot be called back. A motor that kept its power, or gets it by that frame, follows it
+    /// until the power off behind it.
+    #[test]
+    fn an_old_command_is_followed_by_power_off_at_once() {
+        for (case, restarts) in [(MIT, false), (MYACTUATOR, false), (MOTEUS, true)] {
+            let mut w = Walk::enabled(case);
+            w.command(DriveGoal::Enabled, 500);
+            w.ticks(50);
+            w.plant.set_bus_silent(w.bus, true);
+            w.ticks(300);
+            if restarts {
+                w.plant.reboot_drive(Drive::Hip);
+                w.ticks(100);
+            }
+            w.plant.set_bus_silent(w.bus, false);
+            w.ticks(50);
+            let waited = w.plant.waited()[0];
+            println!("{}: {waited:?}", case.example);
+            assert!(waited.longest > Span::from_ms(250), "{}: such a frame was taken", case.example);
+            assert!(waited.followed_old <= Span::from_us(300), "{}: {waited:?}", case.example);
+        }
+    }
+
     #[test]
     fn an_odrive_whose_encoder_stops_grows_old_while_its_heartbeat_goes_on() {
         let mut w = Walk::enabled(ODRIVE);

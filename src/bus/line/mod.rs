@@ -9,7 +9,7 @@
 //! may follow it, one that lowers the torque once. So what sits in a kernel or adapter whose peer is gone is at most one
 //! command with torque per drive and one with less behind it. If
 //! nothing proves departure for the echo timeout the bus is *stalled*: no more commands; a probe (NMT reset of all
-//! nodes, or power off: harmless whenever delivered) until one is
+//! nodes, or power off: harmless whenever delivered), with the power off of each drive that knows no reset, until one is
 //! echoed; then the whole start-up from reset. Emptying the kernel's queue is the I/O thread's part.
 //!
 //! RT: yes; `new` allocates.
@@ -101,6 +101,8 @@ struct Stall {
     probe: Option<Stamp>,
     /// The controller itself says that nothing can be sent: no use probing.
     link_dead: bool,
+    /// The power off of the drives that are commanded frame by frame went out.
+    powers_off: bool,
 }
 
 /// The master of one bus.
@@ -227,6 +229,7 @@ impl Line {
             self.heartbeat_sent = Stamp::NEVER;
         }
         if let Some(stall) = &mut self.stall {
+            stall.powers_off &= stall.probe != Some(at);
             stall.probe = stall.probe.filter(|sent| *sent != at);
         }
     }
@@ -397,7 +400,7 @@ impl Line {
         match &mut self.stall {
             None if dead || overdue => {
                 self.counters.stalls += 1;
-                self.stall = Some(Stall { probe: None, link_dead });
+                self.stall = Some(Stall { probe: None, link_dead, powers_off: false });
                 self.drives.iter_mut().flatten().for_each(Member::on_stall);
             }
             None => {}
@@ -405,6 +408,7 @@ impl Line {
                 stall.link_dead = link_dead;
                 // A probe that was on its way when the link died is lost.
                 stall.probe = stall.probe.filter(|_| !link_dead);
+                stall.powers_off &= !link_dead;
             }
         }
     }
@@ -423,9 +427,20 @@ impl Line {
     fn probe(&mut self, now: Stamp, out: &mut FrameBatch) {
         let frame = self.probe_frame();
         let Some(stall) = &mut self.stall else { return };
-        if !stall.link_dead && stall.probe.is_none_or(|sent| now.since(sent) > PROBE_EVERY) {
-            stall.probe = Some(now);
-            out.push(BusFrame::ours(now, frame));
+        if stall.link_dead || stall.probe.is_some_and(|sent| now.since(sent) <= PROBE_EVERY) {
+            return;
+        }
+        stall.probe = Some(now);
+        out.push(BusFrame::ours(now, frame));
+        // Some motors keep their power when they hear nothing: each gets its power off right behind what it would follow.
+        if std::mem::replace(&mut stall.powers_off, true) {
+            return;
+        }
+        for drive in self.drives.iter().flatten() {
+            let Member::Direct(drive) = drive else { continue };
+            if let Some(off) = drive.probe().filter(|off| *off != frame) {
+                out.push(BusFrame::ours(now, off));
+            }
         }
     }
 
