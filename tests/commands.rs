@@ -75,6 +75,32 @@ fn faults_are_listed_and_injected_and_what_is_misspelt_is_told() {
     assert!(code == 1 && stdout.contains("first fault DriveFault"), "{stdout}");
 }
 
+#[test]
+fn a_scheduled_fault_that_cannot_be_injected_there_is_refused_with_its_line_and_its_places() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("faults.toml");
+    let file = file.to_str().unwrap();
+    for (command, fault, places) in [
+        ("run", "disk_full@3", "cannot be injected in run, but in guest"),
+        ("run", "bus_off@3:bus=1", "cannot be injected in run, but in sim, guest"),
+        ("run", "mocap_frozen@3", "cannot be injected in run, but in sim, plant"),
+        ("run", "joystick_dropped@3", "cannot be injected in run, but in sim"),
+        ("plant", "step_overrun@3", "cannot be injected in plant, but in sim, guest"),
+        ("sim", "clock_step@3", "cannot be injected in sim, but in guest"),
+    ] {
+        let mocap = include_str!("../config/examples/mocap.toml");
+        let text =
+            mocap.replace("[set.sim.mocap]", "[set.sim]\nfaults = [\"imu_stall@9s\",\n\"FAULT\"]\n[set.sim.mocap]");
+        let line = 1 + text.lines().position(|line| line.contains("FAULT")).unwrap();
+        fs::write(file, text.replace("FAULT", fault)).unwrap();
+        let (code, _, stderr) = compass(&[command, "--config", file, "--for", "1"]);
+        assert!(code == 2 && stderr.contains("1 error"), "{command} {fault}: {code} {stderr}");
+        for told in [&format!("{file}:{line}: sim.faults[1] = \"{fault}"), places] {
+            assert!(stderr.contains(told), "{command} {fault}: {stderr}");
+        }
+    }
+}
+
 /// The recording in `folder`.
 fn recording(folder: &Path) -> String {
     let files = fs::read_dir(folder).unwrap().map(|f| f.unwrap().path().to_str().unwrap().to_owned());

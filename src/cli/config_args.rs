@@ -1,6 +1,5 @@
 //! The configuration on the command line, alike in every subcommand: `--config F`, `--set key=value`. RT: no.
 
-use super::UsageError;
 use crate::config::fault::Place;
 use crate::config::{self, Choice, Errors, Resolved};
 use std::io::{self, Write};
@@ -28,40 +27,26 @@ impl ConfigArgs {
     /// # Errors
     /// Everything that is wrong, at once.
     pub fn load(&self) -> Result<Resolved, Errors> {
-        self.load_for(false)
+        self.load_choice(&[], None)
     }
 
-    /// The same for `compass plant`, which is the simulated robot on real buses.
+    /// With faults of the command line; these and those of the files can all be injected in this place.
     ///
     /// # Errors
     /// Everything that is wrong, at once.
-    pub fn load_as_robot(&self) -> Result<Resolved, Errors> {
-        self.load_for(true)
+    pub fn load_with_faults(&self, faults: &[String], place: Place) -> Result<Resolved, Errors> {
+        self.load_choice(faults, Some(place))
     }
 
-    /// With faults of the command line, all of which can be injected in this place.
-    ///
-    /// # Errors
-    /// Everything that is wrong, at once.
-    pub fn load_with_faults(&self, faults: &[String], place: Place) -> anyhow::Result<Resolved> {
-        let resolved = self.load_choice(faults, place == Place::Plant)?;
-        for fault in &resolved.config.simulation.faults {
-            fault.check_place(place).map_err(UsageError)?;
-        }
-        Ok(resolved)
-    }
-
-    fn load_for(&self, plays_robot: bool) -> Result<Resolved, Errors> {
-        self.load_choice(&[], plays_robot)
-    }
-
-    fn load_choice(&self, faults: &[String], plays_robot: bool) -> Result<Resolved, Errors> {
+    fn load_choice(&self, faults: &[String], place: Option<Place>) -> Result<Resolved, Errors> {
         let resolved = config::load_choice(Choice {
             path: self.path.as_deref(),
             model: self.model.as_deref(),
             overrides: &self.overrides,
             faults,
-            plays_robot,
+            place,
+            // The simulated robot itself, on real buses, needs nobody's hand and no real IMU.
+            plays_robot: place == Some(Place::Plant),
         })?;
         for warning in &resolved.warnings {
             // Nobody to tell when stderr is gone.

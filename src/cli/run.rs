@@ -14,6 +14,7 @@ use super::{Outcome, Run, UsageError};
 use crate::bus::socketcan::master::MasterLock;
 use crate::config::Resolved;
 use crate::config::checked::Config;
+use crate::config::fault::Place;
 use crate::record::live::Window;
 use crate::rt::process::{self, Parts, Running, Summary};
 use crate::rt::relay::Sinks;
@@ -102,7 +103,7 @@ const LEAST_KEPT: u64 = 100_000_000;
 impl Run for Args {
     fn run(mut self) -> anyhow::Result<Outcome> {
         self.config.overrides.extend(self.controller.iter().map(|name| format!("control.controller={name}")));
-        let resolved = self.config.load()?;
+        let resolved = self.config.load_with_faults(&[], Place::Run)?;
         let stop = Stop::on_signals().context("signal handlers")?;
         let archive = Arc::new(Archive::open(self.record.as_deref(), self.keep, &resolved)?);
         let open = |path: &PathBuf| Window::open(path, &resolved.text).with_context(|| path.display().to_string());

@@ -28,6 +28,7 @@ mod robot;
 mod simulation;
 
 use checked::Config;
+use fault::{Injection, Place};
 use raw::{Node, Origin, Raw};
 use reader::Log;
 use rig_model::RigModel;
@@ -37,8 +38,8 @@ use std::fmt::Write;
 use std::fs;
 use std::io::{self, Read};
 use std::path::Path;
-
 use std::sync::LazyLock;
+
 pub use problem::{Errors, Problem};
 
 /// Sections with their embedded defaults.
@@ -49,11 +50,11 @@ const SECTIONS: [(&str, &str, &str); 4] = [
     ("sim", "sim.toml", include_str!("../../config/sim.toml")),
 ];
 
-/// A configuration after all checks, with what a recording needs to know of it.
 /// These files as trees, parsed once: some read thousands of configurations.
 static EMBEDDED: LazyLock<Vec<Result<Node, Vec<Problem>>>> =
     LazyLock::new(|| SECTIONS.map(|(_, file, text)| raw::parse(&format!("embedded {file}"), text)).into());
 
+/// A configuration after all checks, with what a recording needs to know of it.
 #[derive(Clone, Debug)]
 pub struct Resolved {
     /// The checked values.
@@ -87,6 +88,8 @@ pub struct Choice<'a> {
     pub overrides: &'a [String],
     /// Faults to inject, `NAME@TIME[:ARGS]`; added to those of `sim.faults`.
     pub faults: &'a [String],
+    /// Where they are injected; `None` = nobody injects any.
+    pub place: Option<Place>,
     /// The program is the simulated robot itself on real buses, so nobody's hand and no real IMU is needed.
     pub plays_robot: bool,
 }
@@ -110,6 +113,7 @@ pub fn load_choice(choice: Choice<'_>) -> Result<Resolved, Errors> {
         typed.add_override(text);
     }
     typed.faults = choice.faults.to_vec();
+    typed.place = choice.place;
     typed.plays_robot = choice.plays_robot;
     typed.resolve()
 }
@@ -148,6 +152,7 @@ struct Typed {
     model: Option<RigModel>,
     overrides: Vec<(String, Node)>,
     faults: Vec<String>,
+    place: Option<Place>,
     problems: Vec<Problem>,
     plays_robot: bool,
 }
@@ -247,6 +252,7 @@ impl Typed {
             if !self.plays_robot {
                 consistency::made_up_senses(&config.robot, &log);
             }
+            self.check_places(&config.simulation.faults, &log);
         }
         let (text, mut warnings) = log.finish()?;
         warnings.extend(notes);
@@ -303,6 +309,20 @@ impl Typed {
         };
         all.extend(self.faults.drain(..).map(|text| Node { at: at.clone(), value: Raw::Text(text) }));
         sim.put(&["faults"], Node { at, value: Raw::List(all) });
+    }
+
+    /// A fault that cannot be injected where the robot runs would never come, and nobody would know.
+    fn check_places(&self, faults: &[Injection], log: &Log) {
+        let Some(place) = self.place else { return };
+        let typed = self.sections.get("sim").and_then(|sim| sim.table()?.get("faults"));
+        let Some(Raw::List(items)) = typed.map(|node| &node.value) else { return };
+        for (i, (fault, item)) in faults.iter().zip(items).enumerate() {
+            if let Err(what) = fault.check_place(place) {
+                let Origin { file, line } = &item.at;
+                let (file, key) = (file.to_string(), format!("sim.faults[{i}]"));
+                log.error(Problem { file, line: *line, key, value: Some(item.show()), what });
+            }
+        }
     }
 
     fn apply_overrides(&mut self) {

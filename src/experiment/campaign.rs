@@ -5,7 +5,7 @@
 use super::ledger::{Ledger, RunId};
 use super::plan::{Plan, RunPlan};
 use super::trial_run::{self, Place, RunRecord};
-use crate::config::{self, Choice, Errors, Resolved};
+use crate::config::{self, Choice, Errors, Resolved, fault};
 use crate::sim::lockstep::LockstepError;
 use std::io;
 use std::path::PathBuf;
@@ -123,6 +123,7 @@ impl Campaign {
                 model: self.base.model.as_deref(),
                 overrides: &set,
                 faults: &[],
+                place: Some(fault::Place::Sim),
                 plays_robot: false,
             };
             match config::load_choice(choice) {

@@ -30,8 +30,10 @@ pub enum Device {
 pub enum Place {
     /// `compass sim`: robot and controller in lockstep.
     Sim,
-    /// `compass plant`: the simulated robot on real interfaces, and the same robot inside `compass run`.
+    /// `compass plant`: the simulated robot on real interfaces.
     Plant,
+    /// The same robot inside `compass run`, where nobody serves motion capture. No entry of the catalogue names it.
+    Run,
     /// The virtual machine of `tests/vm`: kernel, disk, threads, queues.
     Guest,
 }
@@ -43,6 +45,7 @@ impl Place {
         match self {
             Self::Sim => "sim",
             Self::Plant => "plant",
+            Self::Run => "run",
             Self::Guest => "guest",
         }
     }
@@ -77,7 +80,10 @@ impl Entry {
     /// True if it can be injected there.
     #[must_use]
     pub fn is_for(&self, place: Place) -> bool {
-        self.places.contains(&place)
+        match place {
+            Place::Run => self.places.contains(&Place::Plant) && self.device != Device::Mocap,
+            _ => self.places.contains(&place),
+        }
     }
 }
 

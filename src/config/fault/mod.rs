@@ -127,7 +127,8 @@ impl Injection {
         if self.entry.is_for(place) {
             return Ok(());
         }
-        let places: Vec<&str> = self.entry.places.iter().map(|place| place.name()).collect();
+        let all = [Place::Sim, Place::Run, Place::Plant, Place::Guest];
+        let places: Vec<&str> = all.into_iter().filter(|at| self.entry.is_for(*at)).map(Place::name).collect();
         Err(format!("NAME: {} cannot be injected in {}, but in {}", self.entry.name, place.name(), places.join(", ")))
     }
 
