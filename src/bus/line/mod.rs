@@ -115,6 +115,8 @@ pub struct Line {
     canopen: bool,
     sync_by_us: bool,
     echo_timeout: Span,
+    /// A wire that works proves within this that a frame has left.
+    moves_within: Span,
     heartbeat_every: Span,
     heartbeat_sent: Stamp,
     listening: Listening,
@@ -160,6 +162,7 @@ impl Line {
             sync_by_us: real_time.trigger == Trigger::Timer,
             // A bus that dies just after a command shows one period later, at the next; we look once a period.
             echo_timeout: Span(noticed_by.0 - 2 * real_time.period.0).max(real_time.period),
+            moves_within: Span(2 * real_time.period.0),
             heartbeat_every: Span(watchdog.0 / 4),
             heartbeat_sent: Stamp::NEVER,
             listening: Listening::new(real_time.period),
@@ -471,7 +474,10 @@ impl Line {
     }
 
     fn put_heartbeat(&mut self, now: Stamp, phase: u32, out: &mut FrameBatch) {
-        if self.canopen && phase + 1 == self.plan.round && now.since(self.heartbeat_sent) >= self.heartbeat_every {
+        // The lowest of all priorities: in a queue that does not move it would hold up the power off behind it.
+        let moves = self.waited <= self.moves_within;
+        let due = phase + 1 == self.plan.round && now.since(self.heartbeat_sent) >= self.heartbeat_every;
+        if self.canopen && due && moves {
             self.heartbeat_sent = now;
             let frame = Message::Heartbeat(Node::MASTER, NmtState::Operational).emit();
             out.push(BusFrame::ours(now, frame));

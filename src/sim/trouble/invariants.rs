@@ -24,8 +24,8 @@ const ROUNDING: f64 = 0.01;
 const MIT_STEPS: f64 = 4095.0;
 /// The first commands to a drive that has just got power carry where it stands.
 const FIRST_PLACES: u32 = 2;
-/// An old command is followed for no longer than two frames take.
-const FOLLOWS_OLD: Span = Span::from_us(300);
+/// An old command is followed for no longer than a few frames take.
+const FOLLOWS_OLD: Span = Span::from_ms(1);
 /// After its watchdog's time a drive lets go at its next look at its timers.
 const WATCHDOG_LOOK: Span = Span::from_ms(1);
 
@@ -42,8 +42,8 @@ pub enum Breach {
     #[error("an old command: {0}")]
     Old(&'static str),
     /// See 3.
-    #[error("{0:?} followed a command that had waited {1:?}")]
-    Waited(Drive, Span),
+    #[error("{0:?} followed a command that had waited {1:?}, for {2:?}")]
+    Waited(Drive, Span, Span),
     /// See 4.
     #[error("the latched fault {0:?} was left for {1:?} without a fresh press")]
     Unlatched(Fault, Mode),
@@ -131,7 +131,7 @@ impl Invariants {
         for (drive, (waited, rule)) in Drive::ALL.iter().zip(waited.iter().zip(&self.most_wait)) {
             let excused = rule.by_frames && waited.followed_old <= FOLLOWS_OLD;
             if waited.longest > rule.most && !excused {
-                return Err(Breach::Waited(*drive, waited.longest));
+                return Err(Breach::Waited(*drive, waited.longest, waited.followed_old));
             }
         }
         Ok(())
@@ -449,6 +449,6 @@ mod tests {
         };
         assert!(!follows(&config, 200), "no fault of the bus");
         config.simulation.faults = vec![Injection::parse("no_acknowledge@3:bus=0").unwrap()];
-        assert!(follows(&config, 200) && !follows(&config, 1000));
+        assert!(follows(&config, 200) && !follows(&config, 1001));
     }
 }
