@@ -2,10 +2,20 @@
 
 use super::direct::{Heard, Power, Question, Setpoint, Speak, Word};
 use super::setup::SetupFault;
-use crate::base::time::Stamp;
+use crate::base::time::{Span, Stamp};
 use crate::bus::odrive::{self, Heartbeat};
 use crate::config::checked::{Odrive, OdriveFirmware};
 use crate::msg::CanFrame;
+
+/// Its positions are counted for so long, and more than half as many again as it sends are of two drives.
+const COUNTED_FOR: Span = Span::from_ms(50);
+
+/// Positions heard: nobody asks for them, so two drives with one number show by their rate alone.
+#[derive(Clone, Copy, Debug, Default)]
+struct PositionRate {
+    since: Option<Stamp>,
+    count: i64,
+}
 
 /// One ODrive.
 #[derive(Debug)]
@@ -14,11 +24,12 @@ pub(super) struct OdriveSpeaker {
     node: u8,
     /// It last said that it is not idle.
     awake: bool,
+    rate: PositionRate,
 }
 
 impl OdriveSpeaker {
     pub(super) const fn new(odrive: Odrive, node: u8) -> Self {
-        Self { odrive, node, awake: true }
+        Self { odrive, node, awake: true, rate: PositionRate { since: None, count: 0 } }
     }
 
     fn torque(&self, torque_nm: f32) -> CanFrame {
@@ -66,14 +77,29 @@ impl OdriveSpeaker {
         }
     }
 
-    fn says(&mut self, command: u32, payload: &[u8], asked: Option<usize>) -> Option<Word> {
+    /// True once in a while if positions come too often.
+    fn comes_too_often(&mut self, stamp: Stamp) -> bool {
+        let since = *self.rate.since.get_or_insert(stamp);
+        self.rate.count += 1;
+        if (Span::ZERO..COUNTED_FOR).contains(&stamp.since(since)) {
+            return false;
+        }
+        let expected = COUNTED_FOR.0 / self.odrive.feedback.0.max(1);
+        let count = std::mem::take(&mut self.rate.count);
+        self.rate.since = Some(stamp);
+        // One or two more are jitter.
+        count > expected + expected / 2 + 2
+    }
+
+    fn says(&mut self, command: u32, payload: &[u8], stamp: Stamp, asked: Option<usize>) -> Option<Word> {
         let number = |x: f32| Some(f64::from(x)).filter(|x| x.is_finite());
         let v6 = self.odrive.firmware == OdriveFirmware::V6;
         Some(match command {
             odrive::HEARTBEAT => self.on_heartbeat(&Heartbeat::parse(payload)?),
             odrive::ENCODER => {
                 let [position, _] = odrive::floats(payload)?;
-                Word { position_turns: Some(number(position)?), ..Word::default() }
+                let wrong = self.comes_too_often(stamp).then_some(SetupFault::TwoNodes);
+                Word { position_turns: Some(number(position)?), wrong, ..Word::default() }
             }
             odrive::TORQUE if v6 => {
                 let [_, estimate] = odrive::floats(payload)?;
@@ -96,7 +122,7 @@ impl OdriveSpeaker {
 }
 
 impl Speak for OdriveSpeaker {
-    fn hear(&mut self, frame: &CanFrame, _stamp: Stamp, asked: Option<usize>) -> Heard {
+    fn hear(&mut self, frame: &CanFrame, stamp: Stamp, asked: Option<usize>) -> Heard {
         let bare = frame.id & !CanFrame::REMOTE;
         if frame.is_fd() || bare >> 5 != u32::from(self.node) {
             return Heard::Foreign;
@@ -107,7 +133,7 @@ impl Speak for OdriveSpeaker {
         match bare & 0x1F {
             odrive::INPUT_TORQUE | odrive::INPUT_POSITION | odrive::SET_STATE | odrive::CLEAR => Heard::Echo,
             odrive::MODE | odrive::LIMITS | odrive::STOP => Heard::OwnQuestion,
-            command => self.says(command, frame.payload(), asked).map_or(Heard::Garbled, Heard::Word),
+            command => self.says(command, frame.payload(), stamp, asked).map_or(Heard::Garbled, Heard::Word),
         }
     }
 
@@ -165,5 +191,6 @@ impl Speak for OdriveSpeaker {
 
     fn forget(&mut self) {
         self.awake = true;
+        self.rate = PositionRate::default();
     }
 }

@@ -101,6 +101,11 @@ impl OdriveFace {
         };
         let value = (value as f32).to_le_bytes();
         bench.say(odrive::pair(self.node, message, value, value));
+        if bench.defects.twice {
+            // The other one stands a turn away.
+            let (turns, still) = (motor.turns() as f32 + 1.0, 0.0_f32);
+            bench.say(odrive::pair(self.node, odrive::ENCODER, turns.to_le_bytes(), still.to_le_bytes()));
+        }
     }
 }
 
