@@ -63,6 +63,8 @@ wire_enum! {
         TorqueRateLimited = 97,
         /// Ticks are late; phase-sensitive terms are off until 32 clean ticks.
         Late = 98,
+        /// A toe that bears nothing does not go where it is sent; value: m off its place, index: drive.
+        ToeAstray = 99,
     }
 }
 
@@ -131,6 +133,7 @@ impl fmt::Display for Fault {
                 let leg = Leg::ALL.get(number).map_or("?", |leg| leg.name());
                 write!(f, ": both toes of leg {leg}")
             }
+            FaultCode::ToeAstray => write!(f, ": drive {drive} is {:.1} mm off its place", 1e3 * value),
             FaultCode::None | FaultCode::DeadManReleased | FaultCode::Stopping => Ok(()),
         }
     }

@@ -21,6 +21,7 @@
     )
 )]
 
+mod astray;
 mod deadman;
 mod health;
 mod latch;
@@ -30,11 +31,12 @@ mod mode;
 mod silence;
 
 use crate::base::time::{Span, Stamp};
-use crate::config::checked::{Config, Limits};
+use crate::config::checked::{Config, Limits, Toe};
 use crate::msg::{
     DRIVES, Drive, DriveFeedback, DriveFeedbacks, DriveGoal, DriveState, Estimate, Fault, FaultCode, JointCommand,
     Mode, Snapshot, Status, TickInput, ZeroState,
 };
+use astray::Astray;
 use deadman::{DeadMan, Hand};
 use latch::Latch;
 use lateness::Lateness;
@@ -112,6 +114,7 @@ pub struct Guard {
     latch: Latch,
     torque: TorqueGate,
     toes: ToeSlew,
+    astray: Astray,
     heard: bool,
     may_get_ready: bool,
 }
@@ -120,10 +123,11 @@ impl Guard {
     /// Boots disarmed.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        Self::with(Rules::new(config), config.robot.drives.each_ref().map(|drive| drive.bus))
+        let buses = config.robot.drives.each_ref().map(|drive| drive.bus);
+        Self::with(Rules::new(config), buses, &config.robot.toe)
     }
 
-    fn with(rules: Rules, buses: [usize; DRIVES]) -> Self {
+    fn with(rules: Rules, buses: [usize; DRIVES], toe: &Toe) -> Self {
         Self {
             rules,
             mode: Mode::Starting,
@@ -134,6 +138,7 @@ impl Guard {
             latch: Latch::default(),
             torque: TorqueGate::new(&rules.limits, rules.period),
             toes: ToeSlew::new(rules.toe_stroke_m, rules.toe_rate_m_s, rules.period),
+            astray: Astray::new(toe),
             heard: false,
             may_get_ready: true,
         }
@@ -161,6 +166,7 @@ impl Guard {
         self.change_mode(now, hand, &findings, facts.feedback);
         let allowed = self.let_through(facts);
         self.note_limits(now);
+        self.note_toes(facts, &allowed);
         Decision { allowed, goal: self.goal(facts.input, hand), status: self.status(facts.input, findings.bits()) }
     }
 
@@ -229,6 +235,17 @@ impl Guard {
         let late = self.lateness.is_late().then_some((FaultCode::Late, f64::from(self.lateness.skipped())));
         for (code, value) in [late, self.torque.active()].into_iter().flatten() {
             self.latch.tell(Fault { code, index: 0, stamp: now, value });
+        }
+    }
+
+    fn note_toes(&mut self, facts: &Facts<'_>, allowed: &JointCommand) {
+        if self.mode != Mode::Armed {
+            return self.astray.rest();
+        }
+        let (now, measured) = (facts.input.now, &facts.snapshot.toe_position_m);
+        if let Some((toe, off_m)) = self.astray.observe(now, &allowed.toe_position_m, measured, facts.estimate) {
+            let index = u8::try_from(Drive::InnerToeA as usize + toe).unwrap_or(u8::MAX);
+            self.latch.tell(Fault { code: FaultCode::ToeAstray, index, stamp: now, value: off_m });
         }
     }
 
