@@ -54,6 +54,53 @@ fn a_walk_that_is_told_to_stop_rests_on_both_feet_without_torque() {
     }
 }
 
+const WALKS: [&str; 2] = ["control.controller=walk", "sim.on_blocks=false"];
+
+/// One in a hundred. Lost ones on the hip's bus alone: on the other a lost echo of SYNC stops the round, a fault within 9 ms.
+#[test]
+fn a_walk_goes_on_while_frames_are_lost_doubled_and_reordered() {
+    for (kind, buses) in [("lost", 0..1), ("doubled", 0..2), ("reordered", 0..2)] {
+        let fault = |bus: usize| format!("\"frame_errors@5s:kind={kind},bus={bus},share=0.01,for=8s\"");
+        let faults = format!("sim.faults=[{}]", buses.map(fault).collect::<Vec<_>>().join(", "));
+        let mut lockstep = Lockstep::new(&config(&[&WALKS, &[&faults]])).unwrap();
+        let summary = scenario::run(&mut lockstep, Span::from_ms(14_000), Span::from_ms(1000), |_, _| {});
+        println!("{kind}: {} steps", summary.steps);
+        assert!(summary.stands() && summary.steps >= 12, "{kind}: {summary:?}");
+    }
+}
+
+/// Behind a statusword that goes on saying "enabled".
+#[test]
+fn a_toe_that_does_not_go_where_it_is_sent_is_told_by_its_name() {
+    let fault = "sim.faults=[\"statusword_stuck@6s:kind=no_power,drive=outer_toe_b,for=ever\"]";
+    let mut lockstep = Lockstep::new(&config(&[&WALKS, &[fault]])).unwrap();
+    let mut told = None;
+    while told.is_none() && lockstep.now() < Stamp::default() + Span::from_ms(9000) {
+        let record = lockstep.step();
+        let fault = record.status.last_fault;
+        told = (fault.code == FaultCode::ToeAstray).then_some((fault, record.status.mode));
+    }
+    let (fault, mode) = told.expect("it was not told");
+    println!("{fault} at {:.3} s", fault.stamp.as_s());
+    assert_eq!((fault.index, mode), (Drive::OuterToeB as u8, Mode::Armed));
+    assert!((6.0..7.5).contains(&fault.stamp.as_s()), "{fault}");
+}
+
+#[test]
+fn of_toes_that_follow_nothing_is_told() {
+    for keys in [&WALKS[..], &["control.controller=walk", "sim.on_blocks=false", "sim.floor.half_width_m=0.01"]] {
+        let mut lockstep = Lockstep::new(&config(&[keys])).unwrap();
+        let (length, tail) = (Span::from_ms(20_000), Span::from_ms(1000));
+        let mut told = None;
+        let summary = scenario::run(&mut lockstep, length, tail, |record, _| {
+            let fault = record.status.last_fault;
+            told = told.or((fault.code == FaultCode::ToeAstray).then_some(fault));
+        });
+        assert!(summary.steps > 20, "{keys:?}: {summary:?}");
+        assert_eq!(told, None, "{keys:?}");
+    }
+}
+
 /// Frequency, Hz, and amplitude of the strongest line above 5 Hz, by a discrete Fourier transform.
 fn strongest_line(torque: &[f64]) -> (f64, f64) {
     let n = torque.len() as f64;
