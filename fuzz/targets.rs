@@ -233,7 +233,7 @@ pub fn watch_socket(bytes: &[u8]) {
         parser.push(piece);
         while let Ok(Some(block)) = parser.take() {
             if let Block::Tick(tick) = block {
-                drop(tick_of(&tick));
+                drop(tick_of(&tick, |_| ()));
             }
         }
     }

@@ -336,6 +336,7 @@ fn another_process_reads_along_in_shared_memory_and_at_the_socket() {
     let (socket, name) = (socket.to_str().unwrap(), format!("test-watch-{}", std::process::id()));
     let mut robot = Plain::new(env!("CARGO_BIN_EXE_compass"))
         .args(["run", "--for", "20s", "--name", &name, "--watch-socket", socket, "--set", "rt.lock_memory=false"])
+        .args(["--record", folder.path().to_str().unwrap()])
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -346,13 +347,15 @@ fn another_process_reads_along_in_shared_memory_and_at_the_socket() {
     }
     for ways in [["--socket", socket], ["--name", &name]] {
         let lines =
-            || compass(&[&["watch", "--for", "1s", "--stream", "status", "--stream", "imu"], &ways[..]].concat());
+            || compass(&[&["watch", "--for", "1s", "--stream", "status", "--stream", "recorder"], &ways[..]].concat());
         // The channels are there a moment after the process.
         let (code, said, stderr) =
             (0..50).map(|_| lines()).find(|(code, said, _)| *code == 0 && !said.is_empty()).unwrap_or_else(lines);
         assert_eq!(code, 0, "{ways:?}: {stderr}");
         let messages: Vec<serde_json::Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         assert!(messages.iter().any(|line| line["stream"] == "status" && line["message"]["mode"].is_string()));
+        let recording = |line: &serde_json::Value| line["message"]["state"] == "Recording";
+        assert!(messages.iter().any(|line| line["stream"] == "recorder" && recording(line)), "{ways:?}: {said}");
         let (code, said, stderr) = compass(&[&["watch", "--for", "2s"], &ways[..]].concat());
         assert!(code == 0 && said.contains("stance"), "{ways:?}: {said}{stderr}");
     }

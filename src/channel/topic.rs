@@ -4,7 +4,7 @@
 //! message therefore meet on different services and see nothing of each other, instead of reading each other's bytes
 //! wrongly. RT: before arming only.
 
-use crate::msg::{Element, Kind, OperatorSample, Shape, TickRecord};
+use crate::msg::{Element, Kind, MocapSample, OperatorSample, RecorderStatus, Shape, TickRecord};
 use std::marker::PhantomData;
 
 /// A channel: what it is called, what it carries, how much waits for a slow reader.
@@ -36,6 +36,10 @@ impl<T> Topic<T> {
 pub const OPERATOR: Topic<OperatorSample> = Topic::new("operator", 8, 4);
 /// Ticks for everybody: recorder, terminal, other processes.
 pub const TICK: Topic<TickRecord> = Topic::new("tick", 512, 8);
+/// How the recording is, for other processes.
+pub const RECORDER: Topic<RecorderStatus> = Topic::new("recorder", 8, 8);
+/// Poses of motion capture, for other processes.
+pub const MOCAP: Topic<MocapSample> = Topic::new("mocap", 256, 8);
 
 impl<T: Element> Topic<T> {
     /// Name of the service for one robot.

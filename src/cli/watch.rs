@@ -7,6 +7,7 @@ use super::run::duration;
 use super::{Outcome, Run, UsageError};
 use crate::msg::TickRecord;
 use crate::record::json;
+use crate::record::live::Message;
 use crate::record::stream::{Stream, explode};
 use crate::rt::stop::Stop;
 use crate::telemetry::{self, Feed};
@@ -57,7 +58,7 @@ impl Run for Args {
             None => (source::in_shared_memory(self.name.as_deref())?, None),
         };
         let end = self.watch_for.map(|time| Instant::now() + time);
-        let mut watched = Watched { source, end, error: None };
+        let mut watched = Watched { source, end, error: None, beside: Vec::new(), lines: String::new() };
         if streams.is_empty() {
             let config = config.map_or_else(|| self.config.load().map(|resolved| resolved.config), Ok)?;
             telemetry::run(&config, &mut watched, stop.flag())?;
@@ -68,15 +69,14 @@ impl Run for Args {
     }
 }
 
-/// Streams by name; those that stand beside the ticks of a recording do not come here.
+/// Streams by name.
 fn parse_streams(names: &[String]) -> Result<Vec<Stream>, UsageError> {
-    let known = || Stream::ALL.into_iter().filter(|stream| !stream.is_beside());
     if names.iter().any(|name| name == "all") {
-        return Ok(known().collect());
+        return Ok(Stream::ALL.to_vec());
     }
     let find = |name: &String| {
-        known().find(|stream| stream.name() == name).ok_or_else(|| {
-            let all: Vec<&str> = known().map(Stream::name).collect();
+        Stream::ALL.into_iter().find(|stream| stream.name() == name).ok_or_else(|| {
+            let all = Stream::ALL.map(Stream::name);
             UsageError(format!("--stream {name}: there is none; there are all, {}", all.join(", ")))
         })
     };
@@ -88,11 +88,19 @@ struct Watched {
     source: Source,
     end: Option<Instant>,
     error: Option<anyhow::Error>,
+    /// Streams beside the ticks that are printed, and their lines.
+    beside: Vec<Stream>,
+    lines: String,
 }
 
 impl Feed for Watched {
     fn poll(&mut self, each: &mut dyn FnMut(&TickRecord)) -> bool {
-        let more = self.source.poll(each).unwrap_or_else(|error| {
+        let (wanted, lines) = (&self.beside, &mut self.lines);
+        let mut beside = |(stream, valid_at, bytes): Message<'_>| {
+            let written = !wanted.contains(&stream) || json::line(stream, valid_at, bytes, lines).is_some();
+            debug_assert!(written, "our own message has our own shape");
+        };
+        let more = self.source.poll(each, &mut beside).unwrap_or_else(|error| {
             self.error = Some(error);
             false
         });
@@ -111,9 +119,12 @@ const PAUSE: Duration = Duration::from_millis(5);
 fn print_lines(watched: &mut Watched, streams: &[Stream], stop: &Stop) -> anyhow::Result<()> {
     let mut out = io::BufWriter::new(io::stdout().lock());
     let (mut buffer, mut text) = (Vec::new(), String::new());
+    watched.beside = streams.iter().copied().filter(|stream| stream.is_beside()).collect();
     while !stop.is_requested() {
         let more = watched.poll(&mut |tick| put_lines(tick, streams, &mut buffer, &mut text));
+        out.write_all(watched.lines.as_bytes())?;
         out.write_all(text.as_bytes())?;
+        watched.lines.clear();
         text.clear();
         out.flush()?;
         if !more {
@@ -140,9 +151,9 @@ mod tests {
     fn streams_are_those_of_a_recording() {
         let names = |list: &[&str]| parse_streams(&list.iter().map(ToString::to_string).collect::<Vec<_>>());
         assert_eq!(names(&["estimate", "bus1/tx"]).unwrap(), [Stream::Estimate, Stream::Bus1Tx]);
-        assert_eq!(names(&["all"]).unwrap().len(), Stream::ALL.len() - 2);
+        assert_eq!(names(&["all", "mocap"]).unwrap(), Stream::ALL);
+        assert_eq!(names(&["recorder", "mocap"]).unwrap(), [Stream::Recorder, Stream::Mocap]);
         assert!(names(&["nonsense"]).unwrap_err().to_string().contains("snapshot"));
-        assert!(names(&["recorder"]).is_err(), "it does not travel with ticks");
     }
 
     #[test]

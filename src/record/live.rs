@@ -5,7 +5,7 @@
 //! | block | bytes |
 //! |---|---|
 //! | greeting, once | `COMPASS1`, u64 hash of a tick's shape, u32 length, the configuration's canonical text |
-//! | tick | u32 length of what follows, then its messages |
+//! | tick | u32 length of what follows, then messages of what stands beside the ticks, then its own |
 //! | message | u8 stream (index in [`Stream::ALL`]), i64 time of validity in ns, u32 length, bytes as in a recording |
 //!
 //! A reader that is slower than the robot loses whole ticks, never parts; the ticks' numbers tell how many.
@@ -124,18 +124,32 @@ impl Parser {
     }
 }
 
-/// The tick of a block.
+/// A message of a block: stream, time of validity, bytes.
+pub type Message<'a> = (Stream, Stamp, &'a [u8]);
+
+/// The next message of a block, and the rest; `None` at its end.
+fn next_message(block: &[u8]) -> Result<Option<(Message<'_>, &[u8])>, Foreign> {
+    let Some((head, rest)) = block.split_at_checked(MESSAGE_HEAD) else {
+        return if block.is_empty() { Ok(None) } else { Err(Foreign) };
+    };
+    let stream = *Stream::ALL.get(usize::from(head[0])).ok_or(Foreign)?;
+    let valid_at = Stamp(i64::from_le_bytes(bytes::padded(&head[1..9])));
+    let length = usize::try_from(u32::from_le_bytes(bytes::padded(&head[9..]))).map_err(|_| Foreign)?;
+    let (message, rest) = rest.split_at_checked(length).ok_or(Foreign)?;
+    Ok(Some(((stream, valid_at, message), rest)))
+}
+
+/// The tick of a block; `beside` gets what does not travel with ticks.
 ///
 /// # Errors
 /// When its messages do not make a whole tick of this build.
-pub fn tick_of(mut block: &[u8]) -> Result<Box<TickRecord>, Foreign> {
+pub fn tick_of(mut block: &[u8], mut beside: impl FnMut(Message<'_>)) -> Result<Box<TickRecord>, Foreign> {
     let mut assembly = Assembly::default();
-    while let Some((head, rest)) = block.split_at_checked(MESSAGE_HEAD) {
-        let stream = *Stream::ALL.get(usize::from(head[0])).ok_or(Foreign)?;
-        let length = usize::try_from(u32::from_le_bytes(bytes::padded(&head[9..]))).map_err(|_| Foreign)?;
-        let (message, rest) = rest.split_at_checked(length).ok_or(Foreign)?;
+    while let Some((message, rest)) = next_message(block)? {
         block = rest;
-        match assembly.take(stream, message) {
+        let (stream, _, bytes) = message;
+        match assembly.take(stream, bytes) {
+            Assembled::Pending if stream.is_beside() => beside(message),
             Assembled::Pending => {}
             Assembled::Tick(tick) if block.is_empty() => return Ok(tick),
             Assembled::Tick(_) | Assembled::Broken => return Err(Foreign),

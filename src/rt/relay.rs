@@ -8,7 +8,7 @@ use super::stats::LoopStats;
 use crate::channel::port::{ChannelError, Endpoint, Publisher};
 use crate::channel::ring::Ring;
 use crate::channel::topic;
-use crate::msg::{Fault, TickRecord};
+use crate::msg::{Fault, MocapSample, RecorderStatus, TickRecord};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -23,10 +23,21 @@ const MOST_FAULTS: usize = 20;
 /// Writes the ticks around an event somewhere.
 pub type Dump = dyn FnMut(&Fault, &VecDeque<TickRecord>) + Send;
 
+/// What stands beside the ticks: no tick knows of it.
+#[derive(Clone, Copy, Debug)]
+pub enum Beside {
+    /// How the recording is.
+    Recorder(RecorderStatus),
+    /// A pose of motion capture.
+    Pose(MocapSample),
+}
+
 /// What the assembly hangs on the relay.
 pub struct Sinks {
     /// Sees every tick: the recorder.
     pub each: Box<dyn FnMut(&TickRecord) + Send>,
+    /// The next of what stands beside the ticks, for other processes.
+    pub beside: Box<dyn FnMut() -> Option<Beside> + Send>,
     /// Sees the ticks around an event.
     pub dump: Box<Dump>,
 }
@@ -52,6 +63,8 @@ pub struct Observed {
 pub(super) struct Relay {
     inlet: Arc<Ring<TickRecord>>,
     everybody: Publisher<TickRecord>,
+    recorder: Publisher<RecorderStatus>,
+    poses: Publisher<MocapSample>,
     sinks: Sinks,
     flight: FlightRecorder,
     observed: Observed,
@@ -68,6 +81,8 @@ impl Relay {
         Ok(Self {
             inlet,
             everybody: channels.publisher(&topic::TICK)?,
+            recorder: channels.publisher(&topic::RECORDER)?,
+            poses: channels.publisher(&topic::MOCAP)?,
             sinks,
             flight: FlightRecorder::new(flight_ticks),
             observed: Observed::default(),
@@ -100,6 +115,12 @@ impl Relay {
         self.everybody.publish(record);
         self.observe(record);
         (self.sinks.each)(record);
+        while let Some(beside) = (self.sinks.beside)() {
+            match beside {
+                Beside::Recorder(status) => self.recorder.publish(&status),
+                Beside::Pose(pose) => self.poses.publish(&pose),
+            }
+        }
         if let Some(event) = self.flight.observe(record) {
             (self.sinks.dump)(&event, self.flight.ticks());
         }

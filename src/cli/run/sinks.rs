@@ -6,21 +6,28 @@ use crate::record::Recorder;
 use crate::record::live::Window;
 use crate::record::log_file::{Identity, LogFile};
 use crate::record::storage::{Folder, Shelf};
-use crate::rt::relay::Sinks;
+use crate::record::stream::Stream;
+use crate::rt::relay::{Beside, Sinks};
 use anyhow::Context;
 use std::collections::VecDeque;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{self, Sender};
+use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
 /// News for the terminal.
 type Notices = Arc<Mutex<Vec<String>>>;
 
+/// Ticks between two words about the recording to who reads along.
+const STATUS_TICKS: u64 = 100;
+
 /// The recording, if there is one, and the flight recorder's files.
 pub(super) struct Archive {
     recorder: Option<Arc<Recorder>>,
+    /// Poses on their way to who reads along.
+    poses: Sender<MocapSample>,
+    poses_out: Mutex<Option<Receiver<MocapSample>>>,
     flight: FlightWriter,
     notices: Notices,
 }
@@ -41,27 +48,49 @@ impl Archive {
         let flight = folder.map_or_else(|| std::env::temp_dir().join("compass-flight"), |f| f.join("flight"));
         let notices = Arc::default();
         let flight = FlightWriter::start(flight, keep, resolved.clone(), Arc::clone(&notices))?;
-        Ok(Self { recorder: recorder.map(Arc::new), flight, notices })
+        let (poses, poses_out) = mpsc::channel();
+        let poses_out = Mutex::new(Some(poses_out));
+        Ok(Self { recorder: recorder.map(Arc::new), poses, poses_out, flight, notices })
     }
 
-    /// What the relay calls. `window`: who reads along from outside.
+    /// What the relay calls. `window`: who reads along from outside. The poses go to the first who asks for them.
     pub(super) fn sinks(&self, mut window: Option<Window>) -> Sinks {
         let recorder = self.recorder.clone();
+        let poses = self.poses_out.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let (beside, news) = mpsc::channel();
         let each = move |record: &TickRecord| {
+            let mut all: Vec<Beside> = poses.iter().flat_map(Receiver::try_iter).map(Beside::Pose).collect();
             if let Some(recorder) = &recorder {
                 recorder.push(record);
+                let due = record.input.index.is_multiple_of(STATUS_TICKS);
+                all.extend(due.then(|| Beside::Recorder(recorder.status())));
+            }
+            for word in all {
+                if let Some(window) = &mut window {
+                    match word {
+                        Beside::Recorder(status) => window.put_beside(Stream::Recorder, status.stamp, &status),
+                        Beside::Pose(pose) => window.put_beside(Stream::Mocap, pose.stamp, &pose),
+                    }
+                }
+                // The relay takes them in the same turn.
+                let _taken = beside.send(word);
             }
             if let Some(window) = &mut window {
                 window.serve(record);
             }
         };
-        Sinks { each: Box::new(each), dump: Box::new(self.flight.sink()) }
+        let beside = move || news.try_recv().ok();
+        Sinks { each: Box::new(each), beside: Box::new(beside), dump: Box::new(self.flight.sink()) }
     }
 
     /// Where poses of motion capture go; nowhere without a recording.
     pub(super) fn poses(&self) -> Option<impl FnMut(&MocapSample) + Send + 'static> {
-        let recorder = self.recorder.clone()?;
-        Some(move |pose: &MocapSample| recorder.push_pose(pose))
+        let (recorder, readers) = (self.recorder.clone()?, self.poses.clone());
+        Some(move |pose: &MocapSample| {
+            recorder.push_pose(pose);
+            // Nobody takes them once the run is over.
+            let _taken = readers.send(*pose);
+        })
     }
 
     /// Where news of other threads go, for the terminal.

@@ -3,8 +3,10 @@
 use crate::channel::port::{Endpoint, Listener, robots_with};
 use crate::channel::topic;
 use crate::config::{self, checked::Config};
-use crate::msg::TickRecord;
-use crate::record::live::LiveReader;
+use crate::msg::{MocapSample, RecorderStatus, TickRecord};
+use crate::record::cdr::encode;
+use crate::record::live::{LiveReader, Message};
+use crate::record::stream::Stream;
 use anyhow::{Context, bail};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -14,9 +16,34 @@ const SERVICE_SOCKET: &str = "/run/compass/watch";
 /// A robot that says nothing for so long is looked after: its process may have been killed.
 const SILENCE: Duration = Duration::from_secs(1);
 
+/// What stands beside the ticks, as far as the robot offers it.
+pub(super) struct BesideTicks {
+    recorder: Option<Listener<RecorderStatus>>,
+    poses: Option<Listener<MocapSample>>,
+    buffer: Vec<u8>,
+}
+
+impl BesideTicks {
+    fn join(channels: &Endpoint) -> Self {
+        let (recorder, poses) = (channels.listener(&topic::RECORDER).ok(), channels.listener(&topic::MOCAP).ok());
+        Self { recorder, poses, buffer: Vec::new() }
+    }
+
+    fn poll(&mut self, each: &mut dyn FnMut(Message<'_>)) {
+        while let Some(status) = self.recorder.as_mut().and_then(Listener::receive) {
+            encode(&status, &mut self.buffer);
+            each((Stream::Recorder, status.stamp, &self.buffer));
+        }
+        while let Some(pose) = self.poses.as_mut().and_then(Listener::receive) {
+            encode(&pose, &mut self.buffer);
+            each((Stream::Mocap, pose.stamp, &self.buffer));
+        }
+    }
+}
+
 /// Ticks of a running robot.
 pub(super) enum Source {
-    Memory { channels: Endpoint, ticks: Listener<TickRecord>, heard: Instant },
+    Memory { channels: Endpoint, ticks: Listener<TickRecord>, beside: BesideTicks, heard: Instant },
     Socket(LiveReader),
 }
 
@@ -41,7 +68,8 @@ pub(super) fn in_shared_memory(name: Option<&str>) -> anyhow::Result<Source> {
     if !ticks.has_publisher() {
         bail!("robot `{name}` does not run (any more)");
     }
-    Ok(Source::Memory { channels, ticks, heard: Instant::now() })
+    let beside = BesideTicks::join(&channels);
+    Ok(Source::Memory { channels, ticks, beside, heard: Instant::now() })
 }
 
 /// The robot at this socket, and its configuration.
@@ -52,11 +80,16 @@ pub(super) fn at_socket(path: &Path) -> anyhow::Result<(Source, Option<Config>)>
 }
 
 impl Source {
-    /// Hands over the ticks that came, without waiting. False at the end of the run.
-    pub(super) fn poll(&mut self, each: &mut dyn FnMut(&TickRecord)) -> anyhow::Result<bool> {
+    /// Hands over the ticks that came, and what stands beside them, without waiting. False at the end of the run.
+    pub(super) fn poll(
+        &mut self,
+        each: &mut dyn FnMut(&TickRecord),
+        beside: &mut dyn FnMut(Message<'_>),
+    ) -> anyhow::Result<bool> {
         match self {
-            Self::Socket(reader) => Ok(reader.poll(each)?),
-            Self::Memory { channels, ticks, heard } => {
+            Self::Socket(reader) => Ok(reader.poll(each, beside)?),
+            Self::Memory { channels, ticks, beside: others, heard } => {
+                others.poll(beside);
                 while let Some(tick) = ticks.receive() {
                     *heard = Instant::now();
                     each(&tick);

@@ -1,6 +1,6 @@
 //! The other end: ticks from a socket. RT: no.
 
-use super::{Block, Foreign, Greeting, Parser, shape_hash, tick_of};
+use super::{Block, Foreign, Greeting, Message, Parser, shape_hash, tick_of};
 use crate::msg::TickRecord;
 use std::io::{self, ErrorKind, Read};
 use std::os::unix::net::UnixStream;
@@ -70,15 +70,19 @@ impl LiveReader {
         &self.config_text
     }
 
-    /// Hands over the ticks that came, without waiting. False at the end of the run.
+    /// Hands over the ticks that came, and what stands beside them, without waiting. False at the end of the run.
     ///
     /// # Errors
     /// [`LiveError`].
-    pub fn poll(&mut self, mut each: impl FnMut(&TickRecord)) -> Result<bool, LiveError> {
+    pub fn poll(
+        &mut self,
+        mut each: impl FnMut(&TickRecord),
+        mut beside: impl FnMut(Message<'_>),
+    ) -> Result<bool, LiveError> {
         let more = self.read_some()?;
         while let Some(block) = self.parser.take()? {
             match block {
-                Block::Tick(bytes) => each(&*tick_of(&bytes)?),
+                Block::Tick(bytes) => each(&*tick_of(&bytes, &mut beside)?),
                 Block::Greeting(_) => return Err(Foreign.into()),
             }
         }

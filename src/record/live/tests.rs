@@ -1,4 +1,5 @@
 use super::*;
+use crate::msg::MocapSample;
 use crate::record::stream::tests::random_record;
 use proptest::prelude::*;
 use std::os::unix::fs::PermissionsExt;
@@ -33,9 +34,9 @@ fn connected(path: &Path, window: &mut Window, mut next: u64) -> (LiveReader, u6
 
 fn numbers(reader: &mut LiveReader) -> Vec<u64> {
     let mut seen = Vec::new();
-    while reader.poll(|tick| seen.push(tick.input.index)).unwrap() {
+    while reader.poll(|tick| seen.push(tick.input.index), |_| ()).unwrap() {
         let before = seen.len();
-        reader.poll(|tick| seen.push(tick.input.index)).unwrap();
+        reader.poll(|tick| seen.push(tick.input.index), |_| ()).unwrap();
         if seen.len() == before {
             break;
         }
@@ -52,7 +53,7 @@ fn whoever_connects_learns_the_configuration_and_sees_every_tick_to_the_bit() {
     let mut seen = Vec::new();
     for index in next..next + 40 {
         window.serve(&tick(index));
-        reader.poll(|tick| seen.push(*tick)).unwrap();
+        reader.poll(|tick| seen.push(*tick), |_| ()).unwrap();
     }
     let newest = seen.last().unwrap();
     assert_eq!(newest.input.index, next + 39);
@@ -63,8 +64,28 @@ fn whoever_connects_learns_the_configuration_and_sees_every_tick_to_the_bit() {
     };
     assert_eq!(bytes(newest), bytes(&tick(next + 39)));
     drop(window);
-    assert!(!reader.poll(|_| ()).unwrap(), "the end of the run is seen");
+    assert!(!reader.poll(|_| (), |_| ()).unwrap(), "the end of the run is seen");
     assert!(!path.exists(), "and the socket goes with it");
+}
+
+#[test]
+fn what_stands_beside_the_ticks_comes_with_the_next_one() {
+    let (_folder, path, mut window) = window();
+    let pose = |frame: u32| MocapSample { stamp: Stamp(i64::from(frame)), frame, ..MocapSample::default() };
+    window.put_beside(Stream::Mocap, Stamp(1), &pose(1));
+    let (mut reader, next) = connected(&path, &mut window, 0);
+    window.put_beside(Stream::Mocap, Stamp(2), &pose(2));
+    window.put_beside(Stream::Mocap, Stamp(3), &pose(3));
+    let (mut seen, mut beside) = (Vec::new(), Vec::new());
+    for index in next..next + 20 {
+        window.serve(&tick(index));
+        let note = |(stream, at, bytes): Message<'_>| {
+            beside.push((stream, at, crate::record::cdr::decode::<MocapSample>(bytes).unwrap().frame));
+        };
+        reader.poll(|tick| seen.push(tick.input.index), note).unwrap();
+    }
+    assert_eq!(seen.last(), Some(&(next + 19)));
+    assert_eq!(beside, [(Stream::Mocap, Stamp(2), 2), (Stream::Mocap, Stamp(3), 3)], "once, and none of before");
 }
 
 #[test]
@@ -77,7 +98,7 @@ fn a_slow_reader_loses_whole_ticks_and_holds_up_neither_the_robot_nor_the_others
     for index in next..next + 4_000 {
         tick.input.index = index;
         window.serve(&tick);
-        quick.poll(|tick| seen.push(tick.input.index)).unwrap();
+        quick.poll(|tick| seen.push(tick.input.index), |_| ()).unwrap();
     }
     assert!(seen.ends_with(&(next + 3_000..next + 4_000).collect::<Vec<_>>()), "the quick one has all");
     let late = numbers(&mut slow);
@@ -135,12 +156,12 @@ fn a_tick_with_any_byte_missing_is_no_tick() {
         put_message(&mut block, stream, at, message);
         Ok::<(), std::convert::Infallible>(())
     });
-    assert!(tick_of(&block).is_ok());
+    assert!(tick_of(&block, |_| ()).is_ok());
     for end in 0..block.len() {
-        assert!(tick_of(&block[..end]).is_err(), "{end}");
+        assert!(tick_of(&block[..end], |_| ()).is_err(), "{end}");
     }
     block.push(0);
-    assert!(tick_of(&block).is_err());
+    assert!(tick_of(&block, |_| ()).is_err());
 }
 
 proptest! {
@@ -153,7 +174,7 @@ proptest! {
         }
         parser.push(&bytes);
         while let Ok(Some(Block::Tick(block))) = parser.take() {
-            prop_assert!(tick_of(&block).is_err());
+            prop_assert!(tick_of(&block, |_| ()).is_err());
         }
     }
 }

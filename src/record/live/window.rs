@@ -1,9 +1,11 @@
 //! The robot's end: serves whoever connects, waits for nobody. RT: no, in the relay's thread.
 
-use super::super::stream::explode;
+use super::super::cdr::encode;
+use super::super::stream::{Stream, explode};
 use super::{Greeting, length, put_message, shape_hash};
+use crate::base::time::Stamp;
 use crate::channel::socket_file;
-use crate::msg::TickRecord;
+use crate::msg::{Element, TickRecord};
 use std::convert::Infallible;
 use std::io::{self, ErrorKind, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -25,6 +27,8 @@ pub struct Window {
     readers: Vec<Reader>,
     message: Vec<u8>,
     block: Vec<u8>,
+    /// Messages that go before those of the next tick.
+    beside: Vec<u8>,
 }
 
 /// Somebody who reads along.
@@ -45,8 +49,16 @@ impl Window {
         socket_file::open_to_the_group(path)?;
         listener.set_nonblocking(true)?;
         let greeting = Greeting { shape_hash: shape_hash(), config_text: config_text.to_owned() }.to_bytes();
-        let (message, block) = Default::default();
-        Ok(Self { listener, path: path.to_owned(), greeting, readers: Vec::new(), message, block })
+        let (message, block, beside) = Default::default();
+        Ok(Self { listener, path: path.to_owned(), greeting, readers: Vec::new(), message, block, beside })
+    }
+
+    /// Adds what does not travel with ticks: it goes out with the next one.
+    pub fn put_beside(&mut self, stream: Stream, valid_at: Stamp, message: &impl Element) {
+        if !self.readers.is_empty() {
+            encode(message, &mut self.message);
+            put_message(&mut self.beside, stream, valid_at, &self.message);
+        }
     }
 
     /// Hands the tick to all readers that have room for it. Never waits.
@@ -59,6 +71,7 @@ impl Window {
         }
         self.block.clear();
         self.block.extend_from_slice(&[0; 4]);
+        self.block.append(&mut self.beside);
         let block = &mut self.block;
         let Ok(()) = explode(tick, &mut self.message, |stream, valid_at, message| {
             put_message(block, stream, valid_at, message);

@@ -83,7 +83,7 @@ fn parts(name: &str, input: Input, trigger: Trigger) -> (Parts, [Loopback; BUSES
         stop_frames: Default::default(),
         missing: Missing::default(),
         simulated: true,
-        sinks: Sinks { each: Box::new(each), dump: Box::new(|_, _| {}) },
+        sinks: Sinks { each: Box::new(each), beside: Box::new(|| None), dump: Box::new(|_, _| {}) },
         stop,
         config,
     };
