@@ -153,6 +153,53 @@ mod tests {
     use crate::config;
     use crate::msg::{CanFrame, ImuSample};
 
+    /// A wire that has lost so many frames before they could be received.
+    struct Leaky(u32);
+
+    impl Receive for Leaky {
+        fn receive(&mut self) -> Option<BusFrame> {
+            None
+        }
+        fn health(&self) -> crate::msg::BusHealth {
+            crate::msg::BusHealth::Active
+        }
+        fn readable_fd(&self) -> std::os::fd::RawFd {
+            -1
+        }
+        fn lost(&self) -> u32 {
+            self.0
+        }
+    }
+
+    /// No IMU.
+    struct Silence;
+
+    impl crate::rt::io::ByteLine for Silence {
+        fn read(&mut self, _buffer: &mut [u8]) -> Option<usize> {
+            Some(0)
+        }
+        fn write(&mut self, _bytes: &[u8]) -> bool {
+            true
+        }
+        fn readable_fd(&self) -> std::os::fd::RawFd {
+            -1
+        }
+    }
+
+    #[test]
+    fn what_a_wire_lost_before_it_could_be_received_is_told_in_the_tick() {
+        let robot = config::load(None, &[]).unwrap().config.robot;
+        let awaited = Arc::new(Awaited::new(&robot));
+        let mut input = TickInput::default();
+        let inbox = Arc::new(Inbox::default());
+        crate::rt::io::serve_bus(1, &mut Leaky(7), &inbox, &awaited, crate::base::time::Span::ZERO);
+        ThreadFeed::new(inbox, Arc::clone(&awaited)).collect(&mut input);
+        assert_eq!(input.received.map(|batch| batch.dropped), [0, 7], "by a thread");
+        let imu = ImuPort::new(crate::sensor::imu::ImuReader::new(&robot.imu), Box::new(Silence));
+        InlineFeed::new([Box::new(Leaky(3)), Box::new(Leaky(0))], imu, awaited, false).collect(&mut input);
+        assert_eq!(input.received.map(|batch| batch.dropped), [3, 0], "by the control thread itself");
+    }
+
     #[test]
     fn after_a_stall_the_newest_frames_and_samples_are_taken_and_every_loss_is_counted() {
         let robot = config::load(None, &[]).unwrap().config.robot;

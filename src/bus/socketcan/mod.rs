@@ -354,6 +354,33 @@ mod tests {
         assert_eq!(stamped(ms(1_000), Span::ZERO, ms(999)), ms(1_000), "backward: as young as it can be");
     }
 
+    /// A socket of this machine with the option that the CAN socket has; a datagram is as long as a classic frame.
+    #[test]
+    fn what_the_kernel_drops_for_want_of_room_is_counted() {
+        let receiver = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        let set = |option: libc::c_int, value: libc::c_int| {
+            let length = libc::socklen_t::try_from(size_of_val(&value)).unwrap();
+            // SAFETY: the descriptor is open, the value is a live local of the length given.
+            let done = unsafe {
+                libc::setsockopt(receiver.as_raw_fd(), libc::SOL_SOCKET, option, (&raw const value).cast(), length)
+            };
+            assert_eq!(done, 0);
+        };
+        set(libc::SO_RXQ_OVFL, 1);
+        set(libc::SO_RCVBUF, 1);
+        let sender = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        sender.connect(receiver.local_addr().unwrap()).unwrap();
+        let send = |count: u32| (0..count).for_each(|_| assert_eq!(sender.send(&[0; CLASSIC_BYTES]).unwrap(), 16));
+        let received = || std::iter::from_fn(|| receive_message(receiver.as_raw_fd()).ok()).collect::<Vec<_>>();
+        send(500);
+        let before = received();
+        assert!(before.iter().all(|frame| frame.drops == 0), "told with the first frame after the gap");
+        send(1);
+        let [after] = &received()[..] else { panic!("one frame") };
+        assert_eq!(before.len() + after.drops as usize, 500);
+        assert!(after.drops > 0 && !after.fd);
+    }
+
     #[test]
     fn an_interface_that_is_not_there_is_an_error() {
         assert!(SocketCan::open("nosuchcan0", End::Controller, Span::from_ms(20)).is_err());
