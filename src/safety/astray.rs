@@ -56,7 +56,7 @@ impl Astray {
             let of_stance = (toe / PAIR == 0) == (estimate.stance == Leg::Inner);
             let loaded = of_stance || estimate.stance_doubt > LOADED || estimate.weight_elsewhere > LOADED;
             // What is not a number is not off either: other rules look at that.
-            if loaded || !(off_m.abs() > MARGIN_M) {
+            if loaded || off_m.is_nan() || off_m.abs() <= MARGIN_M {
                 *watch = None;
                 continue;
             }

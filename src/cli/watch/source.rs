@@ -43,7 +43,7 @@ impl BesideTicks {
 
 /// Ticks of a running robot.
 pub(super) enum Source {
-    Memory { channels: Endpoint, ticks: Listener<TickRecord>, beside: BesideTicks, heard: Instant },
+    Memory { channels: Endpoint, ticks: Listener<TickRecord>, beside: Box<BesideTicks>, heard: Instant },
     Socket(LiveReader),
 }
 
@@ -68,7 +68,7 @@ pub(super) fn in_shared_memory(name: Option<&str>) -> anyhow::Result<Source> {
     if !ticks.has_publisher() {
         bail!("robot `{name}` does not run (any more)");
     }
-    let beside = BesideTicks::join(&channels);
+    let beside = Box::new(BesideTicks::join(&channels));
     Ok(Source::Memory { channels, ticks, beside, heard: Instant::now() })
 }
 
