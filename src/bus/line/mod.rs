@@ -127,6 +127,8 @@ pub struct Line {
     /// When frames were chosen last.
     transmitted: Stamp,
     sync_in_flight: Option<Stamp>,
+    /// When another one followed it, because its echo did not come.
+    sync_again: Option<Stamp>,
     sync_seen: Stamp,
     stall: Option<Stall>,
     other_master: Option<Stamp>,
@@ -170,6 +172,7 @@ impl Line {
             watchdog,
             transmitted: Stamp::NEVER,
             sync_in_flight: None,
+            sync_again: None,
             sync_seen: Stamp::NEVER,
             stall: None,
             other_master: None,
@@ -224,9 +227,11 @@ impl Line {
         for drive in self.drives.iter_mut().flatten() {
             drive.take_back(at);
         }
-        if self.sync_in_flight == Some(at) {
-            self.sync_in_flight = None;
-            self.cycle = self.cycle.wrapping_sub(1);
+        for sync in [&mut self.sync_in_flight, &mut self.sync_again] {
+            if *sync == Some(at) {
+                *sync = None;
+                self.cycle = self.cycle.wrapping_sub(1);
+            }
         }
         if self.heartbeat_sent == at {
             self.heartbeat_sent = Stamp::NEVER;
@@ -504,10 +509,24 @@ impl Line {
     fn put_sync(&mut self, now: Stamp, out: &mut FrameBatch) {
         if !self.sync_by_us || !self.canopen {
             self.cycle = self.cycle.wrapping_add(1);
-        } else if self.sync_in_flight.is_none() {
+        } else if let Some(place) = self.next_sync(now) {
+            *place = Some(now);
             self.cycle = self.cycle.wrapping_add(1);
-            self.sync_in_flight = Some(now);
             out.push(BusFrame::ours(now, SYNC_FRAME));
+        }
+    }
+
+    /// Where the next SYNC is noted, if one may go out. Where no drive answers every SYNC nothing else than its echo proves that
+    /// it left: a single echo that is lost must not stop the round. So one more may go, without torque in it; what is proved
+    /// by either is what was sent before the first.
+    fn next_sync(&mut self, now: Stamp) -> Option<&mut Option<Stamp>> {
+        match (self.sync_in_flight, self.sync_again) {
+            (None, _) => {
+                self.sync_again = None;
+                Some(&mut self.sync_in_flight)
+            }
+            (Some(sent), None) if now.since(sent) >= self.moves_within => Some(&mut self.sync_again),
+            _ => None,
         }
     }
 }

@@ -126,7 +126,8 @@ fn without_echo_the_bus_stalls_and_only_the_probe_is_sent_until_it_is_echoed() {
         sent.push(ids(&out));
     }
     assert_eq!(feedbacks.health[0], BusHealth::Stalled);
-    assert_eq!(sent.iter().flatten().filter(|id| **id == 0x080).count(), 1, "one SYNC in flight, no second");
+    let syncs = sent.iter().enumerate().filter(|(_, ids)| ids.contains(&0x080)).map(|(k, _)| k).collect::<Vec<_>>();
+    assert_eq!(syncs, [0, 2], "one SYNC, and one more as if its echo was lost");
     assert_eq!(sent[19], [0x000], "the probe, alone, within 20 ms of the last frame and a period for the next one");
     assert!(sent[20..].iter().all(Vec::is_empty));
     let mut echo = FrameBatch::default();
@@ -136,6 +137,23 @@ fn without_echo_the_bus_stalls_and_only_the_probe_is_sent_until_it_is_echoed() {
     assert_eq!(feedbacks.health[0], BusHealth::Active);
     assert!(ids(&out).contains(&0x080));
     assert_eq!(line.counters().stalls, 1);
+}
+
+#[test]
+fn a_lost_echo_of_sync_delays_the_round_by_a_cycle() {
+    // No drive has booted: nothing answers.
+    let mut line = line(1);
+    let mut out = FrameBatch::default();
+    let mut syncs = Vec::new();
+    for k in 0..12 {
+        if k == 5 {
+            out.clear();
+        }
+        (out, _) = cycle(&mut line, at_ms(k), &out, &[]);
+        syncs.push(ids(&out).contains(&0x080));
+    }
+    assert_eq!(syncs.iter().filter(|sync| !**sync).count(), 1, "{syncs:?}");
+    assert!(!syncs[5] && line.counters().stalls == 0, "{syncs:?}");
 }
 
 #[test]
