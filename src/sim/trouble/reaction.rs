@@ -12,6 +12,8 @@ use crate::sim::lockstep::{Lockstep, LockstepError};
 const NO_TORQUE_NM: f64 = 0.05;
 /// After the fault is over it is looked at for so long.
 const AFTERWARDS: Span = Span::from_ms(2500);
+/// How it is while a fault lasts is looked at in the last of that time.
+const LAST_SECOND: Span = Span::from_ms(1000);
 /// So long without torque is safe.
 const SAFE_FOR: Span = Span::from_ms(200);
 
@@ -42,6 +44,21 @@ pub struct Reaction {
     pub terrain_sigma_rad: f64,
     /// What stood in the way at the end, as bits of fault codes.
     pub blockers: u64,
+    /// How it is while a fault that lasts goes on.
+    pub meanwhile: Option<Meanwhile>,
+}
+
+/// How a robot is that a person holds, and tries to arm again and again, while a fault does not end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Meanwhile {
+    /// In so many ticks of the last second it was armed.
+    pub armed_ticks: u32,
+    /// Of so many.
+    pub ticks: u32,
+    /// Error code of the drive in question; 0 = none.
+    pub drive_error: u16,
+    /// What stands in the way, as bits of fault codes.
+    pub blockers: u64,
 }
 
 /// Runs the robot with this fault, once as it balances and once held by a hand, which stands for the person who sets it up
@@ -59,11 +76,15 @@ pub fn measure(config: &Config, injection: &Injection) -> Result<Reaction, Locks
     // A hand that never lets go.
     config.simulation.release_torque_nm = 1e6;
     config.simulation.release_after = Span::ZERO;
+    reaction.meanwhile = meanwhile(&config, injection)?;
     let mut held = Lockstep::with_rearming_hand(&config)?;
     let end = Stamp::default() + over(injection);
     let mut faulted = false;
     while held.now() < end + AFTERWARDS && reaction.recovered_after.is_none() {
-        let status = held.step().status;
+        // What is not noticed of a robot that is held is ended by letting go, as a person would who sees it.
+        let lets_go = held.now() >= end && !faulted && reaction.detected.is_some();
+        let status =
+            if lets_go { held.step_with(|input| input.operator.dead_man = false).status } else { held.step().status };
         reaction.blockers = status.arm_blockers;
         faulted |= status.mode == Mode::Faulted;
         if held.now() > end && faulted && status.mode == Mode::Armed {
@@ -71,6 +92,30 @@ pub fn measure(config: &Config, injection: &Injection) -> Result<Reaction, Locks
         }
     }
     Ok(reaction)
+}
+
+/// The same fault without an end, and a hand that presses again whenever it can.
+fn meanwhile(config: &Config, injection: &Injection) -> Result<Option<Meanwhile>, LockstepError> {
+    if injection.lasts.is_none() {
+        return Ok(None);
+    }
+    let mut config = config.clone();
+    config.simulation.faults = vec![Injection { lasts: None, ..*injection }];
+    let mut held = Lockstep::with_rearming_hand(&config)?;
+    let mut meanwhile = Meanwhile::default();
+    let end = Stamp::default() + injection.at + AFTERWARDS;
+    while held.now() < end {
+        let at = held.now();
+        let record = held.step();
+        if end.since(at) <= LAST_SECOND {
+            meanwhile.ticks += 1;
+            meanwhile.armed_ticks += u32::from(record.status.mode == Mode::Armed);
+        }
+        meanwhile.drive_error =
+            record.feedback.drives.get(injection.drive as usize).map_or(0, |drive| drive.error_code);
+        meanwhile.blockers = record.status.arm_blockers;
+    }
+    Ok(Some(meanwhile))
 }
 
 /// No torque hangs on it: the robot goes on without.

@@ -1,9 +1,10 @@
 //! The table of `docs/faults.md`: each fault with what the robot did about it. RT: no.
 
-use super::reaction::{self, Reaction};
+use super::reaction::{self, Meanwhile, Reaction};
 use crate::base::time::Span;
 use crate::config::fault::{CATALOGUE, Device, Entry, FaultName, Injection, Place};
 use crate::config::{self, Errors};
+use crate::msg::FaultCode;
 use crate::sim::lockstep::LockstepError;
 use std::fmt::Write;
 
@@ -88,14 +89,14 @@ pub fn row(injection: &Injection, times: i64) -> Result<Row, TableError> {
     Ok(row)
 }
 
-/// The whole table as Markdown. Takes a minute.
+/// The whole table as Markdown. Takes half a minute.
 ///
 /// # Errors
 /// [`TableError`] when a robot cannot be built.
 pub fn markdown() -> Result<String, TableError> {
     let head = String::from(
-        "| fault | where | noticed as | after, ms | no torque after, ms | armed again after, ms | what happens |\n\
-         |---|---|---|---|---|---|---|\n",
+        "| fault | where | noticed as | after, ms | no torque after, ms | while it lasts | armed again after, ms | what happens |\n\
+         |---|---|---|---|---|---|---|---|\n",
     );
     Ok(head + &rows(|_| true)?)
 }
@@ -126,15 +127,39 @@ fn line(out: &mut String, row: &Row) {
     };
     let _infallible = writeln!(
         out,
-        "| `{}`{kind} | {} | {} | {} | {} | {} | {} |",
+        "| `{}`{kind} | {} | {} | {} | {} | {} | {} | {} |",
         entry.name,
         places.join(", "),
         noticed(row),
         longest(|r| r.detected.map(|(_, after)| after).or(r.told.map(|(_, after)| after))),
         longest(|r| r.safe_after.filter(|_| r.detected.is_some())),
+        meanwhile(row),
         longest(|r| r.recovered_after.or(r.sound_after)),
         entry.what,
     );
+}
+
+/// How a robot is that is held, while the fault goes on.
+fn meanwhile(row: &Row) -> String {
+    let mut words: Vec<String> = Vec::new();
+    for Meanwhile { armed_ticks, ticks, drive_error, blockers } in row.reactions.iter().filter_map(|r| r.meanwhile) {
+        let word = match (armed_ticks, drive_error) {
+            (0, 0) => format!("not armed: {}", first_name(blockers)),
+            (0, code) => format!("not armed: {}, error {code:#06x}", first_name(blockers)),
+            _ if armed_ticks < ticks => "armed at times".to_owned(),
+            _ => "armed".to_owned(),
+        };
+        if !words.contains(&word) {
+            words.push(word);
+        }
+    }
+    if words.is_empty() { "-".to_owned() } else { words.join(" or ") }
+}
+
+/// The first of what stands in the way.
+fn first_name(blockers: u64) -> &'static str {
+    let first = u8::try_from(blockers.trailing_zeros()).ok().and_then(FaultCode::from_u8);
+    first.map_or("by the latched fault", FaultCode::name)
 }
 
 /// The fault codes that it was latched as, or what else became of it.
@@ -166,7 +191,6 @@ fn noticed(row: &Row) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::msg::FaultCode;
 
     /// What a fault shall lead to.
     enum Expected {
@@ -176,10 +200,14 @@ mod tests {
         Tolerated,
         /// It balances on, and this is told within so many ms; sound words come again so many ms after the fault's end.
         Told(&'static str, i64, i64),
+        /// As `Stops`, or it balances on: which, hangs on the moment.
+        MayStop(&'static [FaultCode], i64, i64),
         /// It is not armed.
         NotArmed,
+        /// Only in the guest; the page has it in a table of its own.
+        InGuest,
     }
-    use Expected::{NotArmed, Stops, Told, Tolerated};
+    use Expected::{InGuest, MayStop, NotArmed, Stops, Told, Tolerated};
     use FaultCode::{
         BusUnhealthy, DeadManReleased, DriveFault, DriveStale, ImuStale, OperatorStale, OutOfRange, Overrun,
     };
@@ -187,7 +215,7 @@ mod tests {
     /// The drive's own watchdog, for what no command can reach any more.
     const WATCHDOG_MS: i64 = 52;
 
-    /// Every fault that `sim` can inject, with each of its kinds.
+    /// Every fault, with each of its kinds.
     const EXPECTED: &[(&str, Expected)] = &[
         ("bus_off", Stops(&[BusUnhealthy], 1, WATCHDOG_MS)),
         ("no_acknowledge", Stops(&[DriveStale], 8, WATCHDOG_MS)),
@@ -195,6 +223,7 @@ mod tests {
         ("link_down", Stops(&[BusUnhealthy], 1, WATCHDOG_MS)),
         ("frame_errors lost", Tolerated),
         ("frame_errors doubled", Tolerated),
+        ("frame_errors late", MayStop(&[DriveStale], 1000, 1050)),
         ("frame_errors reordered", Tolerated),
         ("frame_errors flipped", Stops(&[OutOfRange, DriveFault, DriveStale, BusUnhealthy], 1000, 1050)),
         ("foreign_traffic unknown", Tolerated),
@@ -211,6 +240,8 @@ mod tests {
         ("object_server wrong_index", Stops(&[DriveStale], 8, 8)),
         ("refuses_torque_mode", Stops(&[DriveStale], 8, 8)),
         ("statusword_stuck no_power", Stops(&[DriveFault], 1000, 3)),
+        ("statusword_stuck stuck", Tolerated),
+        ("mapping_lost command", Stops(&[DriveFault], 2000, 2050)),
         ("mapping_lost answer", Stops(&[DriveStale], 8, 10)),
         ("two_nodes", Stops(&[DriveFault], 25, 30)),
         ("mit_wrong_id", Stops(&[DriveStale], 8, 10)),
@@ -258,13 +289,30 @@ mod tests {
         ("joystick_held_at_start", NotArmed),
         ("step_overrun many", Stops(&[Overrun], 1000, 1005)),
         ("step_overrun once", Tolerated),
+        ("disk_full", InGuest),
+        ("log_stalled", InGuest),
+        ("clock_step", InGuest),
+        ("memory_pressure", InGuest),
+        ("thread_killed", InGuest),
+    ];
+
+    /// Faults that show as a restart first: how a robot that is held stays while they last.
+    const LASTING: &[(&str, &str)] = &[
+        ("object_server silent", "not armed"),
+        ("object_server abort", "not armed"),
+        ("object_server wrong_index", "not armed"),
+        ("refuses_torque_mode", "not armed"),
+        // The ranges of a CubeMars motor are nowhere on the wire.
+        ("mit_wrong_ranges", "armed"),
+        ("odrive_dialect", "not armed"),
     ];
 
     fn check(name: &str, expected: &Expected, reaction: &Reaction) {
         let ms = |span: Span| span.0 / 1_000_000;
         assert!(!reaction.torque_unarmed, "{name}: torque without being armed");
         match expected {
-            Stops(codes, within_ms, safe_ms) => {
+            MayStop(..) if reaction.detected.is_none() => assert!(reaction.ends_armed, "{name}: {reaction:?}"),
+            Stops(codes, within_ms, safe_ms) | MayStop(codes, within_ms, safe_ms) => {
                 assert!(reaction.was_armed, "{name}");
                 let (fault, after) = reaction.detected.unwrap_or_else(|| panic!("{name} was not noticed"));
                 assert!(codes.contains(&fault.code), "{name}: {fault:?}");
@@ -286,6 +334,7 @@ mod tests {
                 let sound = reaction.sound_after.unwrap_or_else(|| panic!("{name}: never sound again"));
                 assert!(ms(sound) <= *again_ms, "{name}: sound again after {} ms", ms(sound));
             }
+            InGuest => unreachable!("{name} is not injected here"),
             NotArmed => assert!(!reaction.ends_armed && reaction.safe_after.is_some(), "{name}: {reaction:?}"),
         }
     }
@@ -299,6 +348,29 @@ mod tests {
                 let row = format!("\n| `{}`{kind} | ", entry.name);
                 assert!(page.contains(&row), "no row for {}{kind}: run `compass sim --fault table`", entry.name);
             }
+        }
+    }
+
+    /// With its kind, as `--fault list` and the page name it.
+    fn full_name(injection: &Injection) -> String {
+        let space = if injection.kind.is_empty() { "" } else { " " };
+        format!("{}{space}{}", injection.entry.name, injection.kind)
+    }
+
+    #[test]
+    fn every_kind_of_every_fault_has_an_expected_reaction() {
+        let listed: Vec<String> = CATALOGUE.iter().flat_map(kinds).map(|injection| full_name(&injection)).collect();
+        for name in &listed {
+            assert_eq!(EXPECTED.iter().filter(|(known, _)| known == name).count(), 1, "{name}");
+        }
+        for (name, expected) in EXPECTED {
+            assert!(listed.iter().any(|known| known == name), "no fault is called {name}");
+            let fault = name.split(' ').next().unwrap();
+            let entry = CATALOGUE.iter().find(|entry| entry.name == fault).unwrap();
+            assert_eq!(matches!(expected, InGuest), !entry.is_for(Place::Sim), "{name}");
+            let page = include_str!("../../../docs/faults.md");
+            let (_, guest) = page.split_once("## In the guest").unwrap();
+            assert!(!matches!(expected, InGuest) || guest.contains(&format!("\n| `{fault}`")), "no row for {name}");
         }
     }
 
@@ -316,8 +388,12 @@ mod tests {
             let (fault, kind) = name.split_once(' ').unwrap_or((name, ""));
             let entry = CATALOGUE.iter().find(|entry| entry.name == fault).unwrap();
             let injection = kinds(entry).into_iter().find(|injection| injection.kind == kind).unwrap();
-            for reaction in &row(&injection, 1).unwrap().reactions {
+            let row = row(&injection, 1).unwrap();
+            for reaction in &row.reactions {
                 check(name, expected, reaction);
+            }
+            if let Some((_, lasting)) = LASTING.iter().find(|(known, _)| known == name) {
+                assert!(meanwhile(&row).starts_with(lasting), "{name}: {}", meanwhile(&row));
             }
         }
     }
