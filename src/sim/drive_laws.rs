@@ -1,6 +1,7 @@
 //! What every drive must do, written once and run for every protocol: the master of the bus against the simulated
 //! drive, over the wire. The whole robot with each of them: `examples_balance`.
 
+use super::drive::SimDrive;
 use super::plant::Plant;
 use super::{Reading, World};
 use crate::base::time::{Span, Stamp};
@@ -74,6 +75,8 @@ struct Walk {
     heartbeat_ms: i64,
     injected: Vec<CanFrame>,
     ms: i64,
+    /// Knows what is a command to the hip.
+    reader: SimDrive,
 }
 
 impl Walk {
@@ -91,6 +94,7 @@ impl Walk {
             heartbeat_ms: config.robot.drives[0].heartbeat.0 / 1_000_000,
             injected: Vec::new(),
             ms: 0,
+            reader: SimDrive::reader(&config.robot.drives[0]),
         }
     }
 
@@ -135,9 +139,9 @@ impl Walk {
         self.commands.drives = [hip, toe, toe, toe, toe];
     }
 
-    /// Frames of this cycle on the hip's bus that are neither SYNC nor the master's own heartbeat.
-    fn commands_sent(&self) -> usize {
-        self.sent[self.bus].iter().filter(|frame| ![0x080, 0x77F].contains(&frame.frame.id)).count()
+    /// Commands to the hip in this cycle: the round goes on, so toes have theirs.
+    fn commands_sent(&mut self) -> usize {
+        self.sent[self.bus].iter().filter(|frame| self.reader.asked(&frame.frame).is_some()).count()
     }
 
     fn hip(&self) -> &DriveFeedback {
