@@ -365,3 +365,16 @@ fn another_process_reads_along_in_shared_memory_and_at_the_socket() {
     robot.kill().unwrap();
     robot.wait().unwrap();
 }
+
+/// As the help shows them: numbers of one option with commas between.
+#[test]
+fn plan_takes_its_lists_as_the_help_shows_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("gait.plan");
+    let gait = ["plan", "gait", "--step", "0.34", "--speed", "0.5", "--out", out.to_str().unwrap()];
+    let plan = |more: &[&str]| compass(&[&gait, more].concat());
+    let (code, stdout, stderr) = plan(&["--knots", "8,12", "--cost", "1,0,0,0.2", "--weights", "100,10,1,0.1,1"]);
+    assert_eq!(code, 0, "{stdout}{stderr}");
+    let (code, _, stderr) = plan(&["--cost", "1,0,0"]);
+    assert!(code == 2 && stderr.contains("--cost: 4 numbers, here are 3"), "{stderr}");
+}

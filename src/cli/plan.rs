@@ -65,7 +65,7 @@ enum Task {
         #[arg(long, value_name = "M")]
         step: Option<f64>,
         /// Start state: stance angle, swing angle (rad), their rates (rad/s)
-        #[arg(long, value_name = "A,B,C,D", default_value = "0,0,0,0", value_delimiter = ',', num_args = 4)]
+        #[arg(long, value_name = "A,B,C,D", default_value = "0,0,0,0", value_delimiter = ',')]
         from: Vec<f64>,
         #[command(flatten)]
         terms: TermArgs,
@@ -141,7 +141,7 @@ struct TermArgs {
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Knots per phase, coarse and fine
-    #[arg(long, value_name = "COARSE,FINE", default_value = "12,60", value_delimiter = ',', num_args = 2)]
+    #[arg(long, value_name = "COARSE,FINE", default_value = "12,60", value_delimiter = ',')]
     knots: Vec<usize>,
     /// Friction of foot on floor
     #[arg(long, value_name = "MU", default_value_t = 0.6)]
@@ -159,8 +159,11 @@ struct TermArgs {
     #[arg(long, value_name = "M_S", default_value_t = 0.15)]
     descent: f64,
     /// Weights of ∫ torque², motor torque², positive power, time
-    #[arg(long, value_name = "T,M,P,S", default_value = "1,0,0,0.2", value_delimiter = ',', num_args = 4)]
+    #[arg(long, value_name = "T,M,P,S", default_value = "1,0,0,0.2", value_delimiter = ',')]
     cost: Vec<f64>,
+    /// Weights of the feedback: stance angle, swing angle, their rates, torque / (m_t l²)
+    #[arg(long, value_name = "S,W,RS,RW,T", default_value = "100,10,1,0.1,1", value_delimiter = ',')]
+    weights: Vec<f64>,
     #[command(flatten)]
     config: ConfigArgs,
 }
@@ -242,6 +245,11 @@ fn after(leg: Leg, steps: usize) -> Result<Leg, UsageError> {
     Ok(if steps.is_multiple_of(2) { leg } else { leg.other() })
 }
 
+/// The numbers of a list, if there are so many.
+fn exactly<T: Copy, const N: usize>(name: &str, given: &[T]) -> Result<[T; N], UsageError> {
+    given.try_into().map_err(|_| UsageError(format!("{name}: {N} numbers, here are {}", given.len())))
+}
+
 fn positive(name: &str, value: f64) -> Result<(), UsageError> {
     if value.is_finite() && value > 0.0 && value < 2.0 {
         return Ok(());
@@ -277,7 +285,7 @@ impl TermArgs {
                 "--friction and --toe-acceleration must be positive, --descent not negative".into(),
             ));
         }
-        let [torque, motor, power, time] = [self.cost[0], self.cost[1], self.cost[2], self.cost[3]];
+        let [torque, motor, power, time] = exactly("--cost", &self.cost)?;
         if [torque, motor, power, time].iter().any(|x| bad(*x)) || torque + motor <= 0.0 {
             return Err(UsageError("--cost: no weight below 0, and torque or motor torque above 0".into()));
         }
@@ -295,12 +303,22 @@ impl TermArgs {
         Ok(Terms { robot, limits, cost, descent_m_s: self.descent, time, longest_s: 3.0 })
     }
 
+    fn feedback(&self) -> Result<Weights, UsageError> {
+        let [stance, swing, stance_rate, swing_rate, torque] = exactly("--weights", &self.weights)?;
+        let state = [stance, swing, stance_rate, swing_rate];
+        if state.iter().any(|w| !w.is_finite() || *w < 0.0) || !torque.is_finite() || torque <= 0.0 {
+            return Err(UsageError("--weights: no weight below 0, and the torque's above 0".into()));
+        }
+        Ok(Weights { state, torque })
+    }
+
     /// Solves, designs the gains, writes the file, tells.
     fn make(&self, kind: &str, problem: &Problem, joined: Option<&Matrix4<f64>>) -> anyhow::Result<Outcome> {
-        let [coarse, fine] = [self.knots[0], self.knots[1]];
+        let [coarse, fine] = exactly("--knots", &self.knots)?;
         if coarse < 4 || fine < 4 || coarse > 400 || fine > 400 {
             return Err(UsageError("--knots: 4 to 400 each".into()).into());
         }
+        let weights = self.feedback()?;
         let begin = Instant::now();
         let spinner = progress::spinner("planning");
         let solved = plan(problem, Effort { coarse, fine: Some(fine) });
@@ -313,7 +331,7 @@ impl TermArgs {
                 return Ok(Outcome::Finding);
             }
         };
-        let designed = gains(&solution, &Weights::THESIS, joined)?;
+        let designed = gains(&solution, &weights, joined)?;
         let command: Vec<String> = std::env::args().skip(1).collect();
         let file = plan_file(kind, &format!("compass {}", command.join(" ")), &solution, &designed);
         fs::write(&self.out, file.to_text()?).with_context(|| self.out.display().to_string())?;
