@@ -29,11 +29,11 @@
 //! | L5 | [`design`] | offline: gains and gaits for `control` | no |
 //! | L5 | `report` | plots, tables, pages: data in, files out; computes nothing | no |
 //! | L6 | `identify` | rigs, recordings, free runs with sensitivities, fits, identifiability | no |
-//! | L6 | `diagnose` | detect, localise, attribute, prove | no |
 //! | L6 | `trial` | the exam of the diagnosis: concealed cases, seal, marks; shares no code with it | no |
 //! | L6 | [`experiment`] | many runs in lockstep: plan, records, statistics | no |
 //! | L6 | [`latency`] | the harness of `bench/` and `compass bench` | no |
-//! | L7 | `cli` | arguments as typed → plan; one file per subcommand | no |
+//! | L7 | `diagnose` | detect, localise, attribute, prove | no |
+//! | L8 | `cli` | arguments as typed → plan; one file per subcommand | no |
 //!
 //! # Bibliography
 //! - *Thesis*: Z. J. Jackowski, *Design, Construction, and Experiments with a Compass Gait Walking Robot*, MIT, 2011;

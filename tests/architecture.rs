@@ -25,17 +25,11 @@ const LAYERS: &[(&str, u8)] = &[
     ("design", 5),
     ("report", 5),
     ("identify", 6),
-    ("diagnose", 6),
     ("experiment", 6),
     ("trial", 6),
     ("latency", 6),
-    ("cli", 7),
-];
-
-/// Edges within one layer that are meant: from, to, why.
-const SIDEWAYS: &[(&str, &str)] = &[
-    // The diagnosis is built on fits and free runs of the identification.
-    ("diagnose", "identify"),
+    ("diagnose", 7),
+    ("cli", 8),
 ];
 
 /// Rooms that share code with no other than these, whatever their layer: room, what it may import, why.
@@ -48,7 +42,7 @@ fn may_import(room: &str, target: &str) -> bool {
     if let Some((_, allowed)) = ALOOF.iter().find(|(name, _)| *name == room) {
         return target == room || allowed.contains(&target);
     }
-    target == room || layer(target) < layer(room) || SIDEWAYS.contains(&(room, target))
+    target == room || layer(target) < layer(room)
 }
 
 fn layer(room: &str) -> u8 {

@@ -1,4 +1,4 @@
-//! L7: the command line. One file per subcommand: `Args` as typed, `run` does the work and says how it ended.
+//! L8: the command line. One file per subcommand: `Args` as typed, `run` does the work and says how it ended.
 //!
 //! To add a subcommand: a file with `pub(crate) struct Args` (`clap::Args`, examples in `after_help`) and
 //! `impl Run for Args`, a `mod` line, a variant of [`Command`], an arm in its `run`.

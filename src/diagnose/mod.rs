@@ -1,4 +1,4 @@
-//! L6: what physics is missing in a simulation, from recordings (diagnosis contract, schema 1).
+//! L7: what physics is missing in a simulation, from recordings (diagnosis contract, schema 1).
 //!
 //! # The walk
 //! 1. [`pipeline`]: the base fit ([`base`]), outliers left out, the noise that it leaves ([`likelihood`]).
