@@ -174,6 +174,7 @@ pub(super) mod tests {
             first_fault: "None".into(),
             time_s: 0.6 * f64::from(steps),
             distance_m: 0.25 * f64::from(steps),
+            first_step_s: Some(0.6),
             mean_speed_m_s: Some(0.41),
             cost_of_transport: Some(0.08),
             hip_work_j: 10.0,

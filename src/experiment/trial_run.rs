@@ -57,6 +57,9 @@ pub struct RunRecord {
     pub first_fault: String,
     pub time_s: f64,
     pub distance_m: f64,
+    /// Records of earlier versions lack it.
+    #[serde(default)]
+    pub first_step_s: Option<f64>,
     pub mean_speed_m_s: Option<f64>,
     pub cost_of_transport: Option<f64>,
     pub hip_work_j: f64,
@@ -183,6 +186,7 @@ fn record(
         first_fault: lockstep.seen().0.status.first_fault.code.name().to_owned(),
         time_s: lockstep.now().since(Stamp::default()).as_s(),
         distance_m: watch.footsteps.distance_m(),
+        first_step_s: watch.first_step_s(),
         mean_speed_m_s: watch.footsteps.mean_speed_m_s(),
         cost_of_transport: stretch_m.and_then(|m| watch.effort.cost_of_transport(m)),
         hip_work_j,

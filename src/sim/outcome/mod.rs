@@ -54,6 +54,9 @@ pub struct Watch {
     torque_limit_nm: f64,
     armed_once: bool,
     ended: Option<Cause>,
+    /// Since when it makes its first step, s.
+    steps_since_s: Option<f64>,
+    first_step_s: Option<f64>,
     flight: Lasting,
     slide: Lasting,
     estimate_off: Lasting,
@@ -97,6 +100,8 @@ impl Watch {
             torque_limit_nm: config.simulation.torque_limit_nm.map_or(limit_nm, |nm| nm.min(limit_nm)),
             armed_once: false,
             ended: None,
+            steps_since_s: None,
+            first_step_s: None,
             flight: Lasting::default(),
             slide: Lasting::default(),
             estimate_off: Lasting::default(),
@@ -115,6 +120,9 @@ impl Watch {
         }
         let now_s = now.since(Stamp::default()).as_s();
         self.armed_once |= record.status.mode == Mode::Armed;
+        if record.control.motion == Motion::StepIn {
+            self.steps_since_s.get_or_insert(now_s);
+        }
         self.look_at_steps(now_s, record.control.motion == Motion::Rest, &reading);
         self.effort.look(now_s, &reading, plant.hip_torque_nm());
         self.look_at_pushes(plant);
@@ -129,6 +137,9 @@ impl Watch {
         let Some(step) = self.footsteps.look(now_s, reading, rests) else { return };
         self.history.step();
         self.effort.step();
+        if let Some(since_s) = self.steps_since_s {
+            self.first_step_s.get_or_insert(now_s - since_s);
+        }
         if step.stride_m * self.footsteps.direction() < SCUFFED_STRIDE * usual_m {
             self.note(now_s, Irregularity::Scuff);
         }
@@ -205,6 +216,12 @@ impl Watch {
     #[must_use]
     pub const fn fall(&self) -> Option<Cause> {
         self.ended
+    }
+
+    /// From the beginning of the first step to its true touchdown, s.
+    #[must_use]
+    pub const fn first_step_s(&self) -> Option<f64> {
+        self.first_step_s
     }
 
     /// Torque reached the motors at some time.
