@@ -601,6 +601,10 @@ pub struct Transverse {
     pub join_cost: f64,
     /// It gives up at a touchdown whose state has more.
     pub leave_cost: f64,
+    /// A touchdown with less squared passing rate than this is left to foot placement, rad²/s².
+    pub least_energy: f64,
+    /// Share of the squared passing rate missing at a touchdown that is learnt.
+    pub learning: f64,
     /// Feedback comes in over this time after a touchdown, s.
     pub fade_s: f64,
     /// Length of the stance toe, m.
@@ -617,6 +621,8 @@ pub struct Transverse {
     pub push_m: f64,
     /// What it grows by with the lack of squared passing rate, m s²/rad².
     pub push_per_energy_m_s2_rad2: f64,
+    /// Least push-off, m: below zero it brakes.
+    pub push_least_m: f64,
     /// Largest push-off, m.
     pub push_most_m: f64,
     /// Lean of the stance leg beyond the vertical from which on it pushes, rad.

@@ -85,7 +85,7 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
 
 /// Plans that are in the program: by name.
 const PLANS: &[(&str, &str)] = &[
-    ("gait_400mm_500mm_s", include_str!("../../config/plans/gait_400mm_500mm_s.plan")),
+    ("gait_350mm_525mm_s", include_str!("../../config/plans/gait_350mm_525mm_s.plan")),
     ("rebalance_inner_300mm", include_str!("../../config/plans/rebalance_inner_300mm.plan")),
 ];
 
@@ -144,6 +144,8 @@ fn transverse(r: &Reader<'_>) -> Transverse {
     Transverse {
         join_cost: r.number("join_cost", range(0.0, 1e6, "1")),
         leave_cost: r.number("leave_cost", range(0.0, 1e6, "1")),
+        least_energy: r.number("least_energy", range(-1.0, 1.0, "rad^2/s^2")),
+        learning: r.number("learning", range(0.0, 1.0, "1")),
         fade_s: r.number("fade_s", range(1e-4, 1.0, "s")),
         toe_nominal_m: r.number("toe_nominal_m", range(0.0, 0.2, "m")),
         toe_reach_m: r.number("toe_reach_m", range(0.0, 0.2, "m")),
@@ -152,6 +154,7 @@ fn transverse(r: &Reader<'_>) -> Transverse {
         toe_kept: r.number("toe_kept", range(0.0, 1.0, "1")),
         push_m: r.number("push_m", range(0.0, 0.2, "m")),
         push_per_energy_m_s2_rad2: r.number("push_per_energy_m_s2_rad2", range(0.0, 1.0, "m s^2/rad^2")),
+        push_least_m: r.number("push_least_m", range(-0.2, 0.2, "m")),
         push_most_m: r.number("push_most_m", range(0.0, 0.2, "m")),
         push_rad: r.number("push_rad", range(-0.5, 0.5, "rad")),
     }

@@ -305,5 +305,5 @@ fn followed_plan_is_in_the_canonical_text_and_comes_back() {
     assert_eq!(again.config.control.plan.text, one.config.control.plan.text);
     assert!(!load(&[]).unwrap().text.contains("compass-plan-1"), "a plan that nobody follows is not recorded");
     let error = load(&["control.controller=transverse", "control.plan=nowhere.plan"]).unwrap_err().to_string();
-    assert!(error.contains("nowhere.plan") && error.contains("gait_400mm_500mm_s"), "{error}");
+    assert!(error.contains("nowhere.plan") && error.contains("gait_350mm_525mm_s"), "{error}");
 }

@@ -149,8 +149,7 @@ impl FootPlacement {
     /// A robot that does not pass the vertical is caught by a step backwards, and goes on from there.
     fn fall_back(&self, step: &mut Step, now: Stamp, e: &Estimate) {
         let n = &self.numbers;
-        let falls = e.theta_stance_rad > BACK_FROM_RAD && e.theta_stance_rad_s > BACK_FROM_RAD_S && energy(e) < 0.0;
-        if step.is_back || step.is_first || n.back_rad <= 0.0 || !falls {
+        if step.is_back || step.is_first || n.back_rad <= 0.0 || !falls_back(e) {
             return;
         }
         let mirrored =
@@ -225,6 +224,11 @@ impl FootPlacement {
         let stance_m = step.stance_toe.toward(now, target_m, n.toe_bandwidth_rad_s);
         in_order(e.stance, stance_m, swing_m)
     }
+}
+
+/// The robot turns back before the vertical, for lack of energy.
+pub(super) fn falls_back(e: &Estimate) -> bool {
+    e.theta_stance_rad > BACK_FROM_RAD && e.theta_stance_rad_s > BACK_FROM_RAD_S && energy(e) < 0.0
 }
 
 /// Share of the way by which the reach follows in a tick of 1 ms: 20 ms.

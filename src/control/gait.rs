@@ -1,9 +1,10 @@
 //! The law that walks: the configured one, with foot placement for the first step, for the last ones, and wherever the
-//! configured law does not hold. Which one chose the torque is told in every tick; they change at touchdowns only. RT: yes.
+//! configured law does not hold. Which one chose the torque is told in every tick; they change at touchdowns, and where the
+//! robot falls back. RT: yes.
 
 use super::ControllerError;
 use super::compliance::Compliance;
-use super::foot_placement::{FootPlacement, Wish};
+use super::foot_placement::{FootPlacement, Wish, falls_back};
 use super::landing::Steady;
 use super::transverse::Transverse;
 use super::tvlqr::Tvlqr;
@@ -48,8 +49,12 @@ impl Gait {
             | ControllerKind::LqrTree => Own::Placement,
         };
         let mut placement = FootPlacement::new(config);
-        if matches!(own, Own::Virtual(_)) {
-            placement.landing.walk_as(Steady::of_virtual_constraint(&config.control.virtual_constraint));
+        match &own {
+            Own::Virtual(_) => {
+                placement.landing.walk_as(Steady::of_virtual_constraint(&config.control.virtual_constraint));
+            }
+            Own::Transverse(law) => placement.landing.walk_as(law.steady(placement.landing.leg_m())),
+            Own::Placement | Own::Rebalance(_) => {}
         }
         Ok(Self { placement, own, compliance: Compliance::new(config), in_charge: false, stance: None })
     }
@@ -94,6 +99,10 @@ impl Gait {
         let e = &self.compliance.slow(elastic);
         if self.stance.replace(e.stance) != Some(e.stance) {
             self.choose(now, e, seen, motion);
+        } else if self.in_charge && falls_back(e) {
+            // No gait that goes forward catches it; a step backwards does.
+            self.placement.join(now, e, seen);
+            self.in_charge = false;
         }
         let (mut wish, law) = match &mut self.own {
             Own::Rebalance(law) => (law.step(now, e, seen), LawName::Tvlqr),
@@ -101,7 +110,9 @@ impl Gait {
                 let wish = law.step(now, e, seen, speed_m_s, &mut self.placement.landing);
                 (wish, LawName::VirtualConstraint)
             }
-            Own::Transverse(law) if self.in_charge => (law.step(now, e, seen), LawName::Transverse),
+            Own::Transverse(law) if self.in_charge => {
+                (law.step(now, e, seen, &mut self.placement.landing), LawName::Transverse)
+            }
             Own::Placement | Own::Virtual(_) | Own::Transverse(_) => {
                 (self.placement.step(now, e, seen, speed_m_s), LawName::FootPlacement)
             }
@@ -115,7 +126,7 @@ impl Gait {
         let own = motion == Motion::Walk
             && match &self.own {
                 Own::Placement | Own::Rebalance(_) => false,
-                Own::Virtual(_) => true,
+                Own::Virtual(law) => law.holds(e),
                 Own::Transverse(law) => law.holds(e, self.in_charge),
             };
         if own && !self.in_charge {

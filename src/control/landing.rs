@@ -63,6 +63,11 @@ impl Steady {
             angle_per_speed_s_m: n.angle_per_speed_s_m,
         }
     }
+
+    /// Of a planned orbit: at its speed its swing angle; a change of speed is left to the steps' number.
+    pub(super) const fn of_orbit(speed_m_s: f64, angle_rad: f64) -> Self {
+        Self { speed_m_s, aimed_m_s: speed_m_s, aimed_per_speed: 1.0, angle_rad, angle_per_speed_s_m: 0.0 }
+    }
 }
 
 /// Where to step, and how far to push the stance toe.
@@ -144,6 +149,11 @@ impl Landing {
     fn aimed_m_s(&self, speed_m_s: f64) -> f64 {
         let s = &self.steady;
         (s.aimed_m_s + s.aimed_per_speed * (speed_m_s - s.speed_m_s) + self.faster_m_s).max(SLOWEST_M_S)
+    }
+
+    /// Length of the legs, m.
+    pub(super) const fn leg_m(&self) -> f64 {
+        self.leg_m
     }
 
     /// Another law walks: its steady walking counts, in the steps of foot placement around it too.

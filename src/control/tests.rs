@@ -6,9 +6,9 @@ use crate::msg::Motion;
 const ALL: [&str; 3] = ["idle", "hold", "balance"];
 /// Laws that walk, with the plan that they need.
 const WALKING: [(&str, &str); 4] = [
-    ("walk", "gait_400mm_500mm_s"),
-    ("virtual_constraint", "gait_400mm_500mm_s"),
-    ("transverse", "gait_400mm_500mm_s"),
+    ("walk", "gait_350mm_525mm_s"),
+    ("virtual_constraint", "gait_350mm_525mm_s"),
+    ("transverse", "gait_350mm_525mm_s"),
     ("tvlqr", "rebalance_inner_300mm"),
 ];
 
@@ -189,7 +189,7 @@ fn steps(c: &mut Controller, ticks: u32, mut see: impl FnMut(u32, &JointCommand,
     for k in 0..ticks {
         let (step, s) = (k / 500, f64::from(k % 500) / 500.0);
         let stance = if step % 2 == 0 { Leg::Inner } else { Leg::Outer };
-        let mut e = state(stance, [0.18 - 0.36 * s, -0.18 + 0.4 * s, -0.65, 0.7 - 1.2 * (s - 0.5)]);
+        let mut e = state(stance, [0.18 - 0.36 * s, -0.18 + 0.4 * s, -0.7, 0.7 - 1.2 * (s - 0.5)]);
         e.steps = step;
         let now = Stamp(i64::from(k) * 1_000_000);
         let command = c.step(now, &e, &seen);
@@ -255,14 +255,14 @@ fn the_law_that_chose_the_torque_is_told() {
 fn plan_of_another_model_or_kind_is_refused_by_name() {
     let refusal = |keys: &[&str]| Controller::new(&config(keys)).unwrap_err().to_string();
     let other = refusal(&["control.controller=transverse", "robot.model.c4.value=0.1152"]);
-    assert!(other.contains("gait_400mm_500mm_s") && other.contains("another model"), "{other}");
+    assert!(other.contains("gait_350mm_525mm_s") && other.contains("another model"), "{other}");
     let kind = refusal(&["control.controller=tvlqr"]);
     assert!(kind.contains("rebalance") && kind.contains("gait"), "{kind}");
 }
 
 #[test]
 fn transverse_law_on_its_orbit_asks_for_the_planned_torque_and_friction() {
-    let mut c = walking("transverse", "gait_400mm_500mm_s");
+    let mut c = walking("transverse", "gait_350mm_525mm_s");
     let keys = ["control.controller=transverse"];
     let plan = planned::read(&config(&keys), "gait").unwrap();
     steps(&mut c, 1001, |_, _, _| {});
@@ -377,4 +377,19 @@ fn tree_of_another_model_is_refused_by_name() {
     // The recorded configuration holds the tree.
     let one = load(None, &["control.controller=lqr_tree".to_owned()]).unwrap();
     assert!(one.text.contains("compass-tree-1") && !load(None, &[]).unwrap().text.contains("compass-tree-1"));
+}
+
+#[test]
+fn a_gait_that_turns_back_before_the_vertical_is_caught_by_foot_placement() {
+    for (name, own) in [("virtual_constraint", LawName::VirtualConstraint), ("transverse", LawName::Transverse)] {
+        let mut c = walking(name, "gait_350mm_525mm_s");
+        steps(&mut c, 1100, |_, _, _| {});
+        let mut law = |k: i64, x: [f64; 4]| {
+            let e = Estimate { steps: 2, ..state(Leg::Inner, x) };
+            c.step(Stamp(k * 1_000_000), &e, &Snapshot::default());
+            c.state().law
+        };
+        assert_eq!(law(1100, [0.1, 0.0, -0.5, 0.5]), own, "{name}");
+        assert_eq!(law(1101, [0.1, 0.0, 0.1, 0.5]), LawName::FootPlacement, "{name}");
+    }
 }

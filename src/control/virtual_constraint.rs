@@ -13,6 +13,7 @@
 use super::foot_placement::Wish;
 use super::landing::{Foothold, Landing};
 use super::motor_sign;
+use super::pendulum::energy;
 use super::stance_toe::{StanceToe, by_stance, in_order};
 use super::swing::{bezier, coupled_torque};
 use crate::base::time::Stamp;
@@ -63,6 +64,12 @@ impl VirtualConstraint {
     /// The next tick begins a step after one of another law.
     pub(super) const fn reset(&mut self) {
         self.step = None;
+    }
+
+    /// At a touchdown: does the robot pass the vertical without help? Foot placement's swing leg reaches ahead where it does
+    /// not, which a curve by the stance angle cannot.
+    pub(super) fn holds(&self, e: &Estimate) -> bool {
+        energy(e) > self.shared.slow_energy
     }
 
     /// Torque and toes for this state.
