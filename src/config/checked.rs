@@ -417,6 +417,8 @@ pub struct Control {
     pub observer_epsilon_s: f64,
     /// Time constant with which the attitude's bias is learnt, s; 0 = not at all.
     pub bias_time_s: f64,
+    /// A momentum that no believable bias explains (a push, a hand that lets go) is not learnt as one.
+    pub bias_rejects_pushes: bool,
     /// Leg angle: gyro for motion faster than this, the device's attitude or the accelerometer below, s.
     pub attitude_time_s: f64,
     /// LQR state weights on [theta_s, theta_w, rates].
@@ -441,6 +443,8 @@ pub struct Control {
     pub transverse: Transverse,
     /// Numbers of the rebalance by TVLQR.
     pub tvlqr: Tvlqr,
+    /// What recovers out of the basin of balance.
+    pub recovery: Recovery,
     /// The plan that the controller follows.
     pub plan: Plan,
     /// The tree that it recovers along.
@@ -640,6 +644,15 @@ pub struct Tvlqr {
     pub toe_reach_m: f64,
     /// It reaches from so long before the planned touchdown on, s.
     pub toe_out_s: f64,
+}
+
+/// What recovers out of the basin of balance: the tree, the step that catches, or both.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Recovery {
+    /// The tree is taken where a tube holds the state at this share of its level or less; 0 = never.
+    pub tube_share: f64,
+    /// Where no tube holds, a step catches the robot; false: the nearest branch is followed from however far.
+    pub catch: bool,
 }
 
 /// The simulated robot. Each imperfection is off when `None` or 0.

@@ -1,7 +1,7 @@
 //! Reads `rt` and `control`: threads, timing, controller and observer. RT: before arming only.
 
 use super::checked::{
-    Control, ControllerKind, FootPlacement, Input, Plan, RealTime, Thread, Transverse, Trigger, Tvlqr,
+    Control, ControllerKind, FootPlacement, Input, Plan, RealTime, Recovery, Thread, Transverse, Trigger, Tvlqr,
     VirtualConstraint, Walk,
 };
 use super::reader::{Reader, range};
@@ -66,6 +66,7 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
         stance: r.choice("stance", LEGS, Leg::Inner),
         observer_epsilon_s: r.number("observer_epsilon_s", range(1e-3, 1.0, "s")),
         bias_time_s: r.number("bias_time_s", range(0.0, 1e4, "s")),
+        bias_rejects_pushes: r.flag("bias_rejects_pushes"),
         attitude_time_s: r.number("attitude_time_s", range(0.01, 1e4, "s")),
         lqr_q: r.numbers("lqr_q", range(0.0, 1e9, "1")),
         lqr_r: r.number("lqr_r", range(1e-9, 1e9, "1")),
@@ -78,6 +79,7 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
         virtual_constraint: r.table("virtual_constraint", virtual_constraint),
         transverse: r.table("transverse", transverse),
         tvlqr: r.table("tvlqr", tvlqr),
+        recovery: r.table("recovery", recovery),
         plan: plan(r, "plan", PLANS, controller.follows_plan()),
         tree: plan(r, "tree", TREES, recovers),
     }
@@ -167,6 +169,10 @@ fn tvlqr(r: &Reader<'_>) -> Tvlqr {
         toe_reach_m: r.number("toe_reach_m", range(0.0, 0.2, "m")),
         toe_out_s: r.number("toe_out_s", range(0.0, 1.0, "s")),
     }
+}
+
+fn recovery(r: &Reader<'_>) -> Recovery {
+    Recovery { tube_share: r.number("tube_share", range(0.0, 1.0, "1")), catch: r.flag("catch") }
 }
 
 fn walk(r: &Reader<'_>) -> Walk {

@@ -89,6 +89,14 @@ impl FootPlacement {
         self.step = Some(self.new_step(now, e, stance_m, false));
     }
 
+    /// The next tick goes on with a step that begins now, from wherever the legs are: the robot falls.
+    pub(super) fn catch(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) {
+        let (stance_m, _) = by_stance(&seen.toe_position_m, e.stance);
+        self.landing.begin_to_catch();
+        let stance_toe = StanceToe::new(now, stance_m, 0.0);
+        self.step = Some(Step { stance_toe, ..self.new_step(now, e, stance_m, false) });
+    }
+
     /// Torque and toes for this state.
     /// A speed of zero asks for a foothold that the robot does not pass.
     pub(super) fn step(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot, speed_m_s: f64) -> Wish {

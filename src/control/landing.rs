@@ -101,6 +101,12 @@ impl Landing {
         self.floor = Floor { height_m: 0.0, rise_m: 0.0 };
     }
 
+    /// Forgets, the push-off too: a step that catches has none.
+    pub(super) const fn begin_to_catch(&mut self) {
+        self.reset();
+        self.gain = [0.0; 2];
+    }
+
     /// Height of the present foothold over the mean floor, m.
     pub(super) const fn height_m(&self) -> f64 {
         self.floor.height_m

@@ -1,12 +1,16 @@
-//! Hybrid LQR-tree: from wherever it is caught back to balance, by up to two steps. Thesis 4.6. RT: yes.
+//! Out of the basin of balance: along the hybrid LQR-tree (thesis 4.6), or by a step that catches. RT: yes.
 //!
 //! In the basin of balance it balances. Outside, `tree::follow` says which place of which branch the state belongs to, in
 //! every tick and by the state alone; a touchdown, early or late, leads to the branch of the other leg. The swing toe is in
 //! until the branch's touchdown is near, then reaches for the floor.
+//!
+//! Where no tube holds the state, foot placement makes a step in the direction in which the robot falls, to where it comes to
+//! rest over its new foot; and another one. `control.recovery` says which of both there is, each tick's law which it was.
 
 use super::ControllerError;
 use super::ToeLengths;
 use super::balance::Balance;
+use super::catch::Catch;
 use super::foot_placement::Wish;
 use super::friction::Compensation;
 use super::motor_sign;
@@ -15,7 +19,7 @@ use super::stance_toe::{StanceToe, by_stance, in_order};
 use super::tree::Tree;
 use super::tree::cone::bearable;
 use super::tree::file::TreeFile;
-use super::tree::follow::{Action, Follower, Step};
+use super::tree::follow::{Action, Follower, Rule, Step};
 use crate::base::linalg::add_scaled;
 use crate::base::time::Stamp;
 use crate::config::checked::{Config, Plan, Tvlqr as Numbers};
@@ -27,6 +31,8 @@ use crate::msg::{ControlState, Estimate, LawName, Leg, Motion, Snapshot};
 pub(super) struct LqrTree {
     tree: Tree,
     follower: Follower,
+    rule: Rule,
+    catch: Option<Catch>,
     balance: Balance,
     friction: Compensation,
     models: [Normalised<f64>; 2],
@@ -55,6 +61,8 @@ impl LqrTree {
         Ok(Self {
             tree: Tree::new(&file),
             follower: Follower::default(),
+            rule: if control.recovery.catch { Rule::beside_another(control.recovery.tube_share) } else { Rule::ALONE },
+            catch: control.recovery.catch.then(|| Catch::new(config)),
             balance: Balance::new(config)?,
             friction: Compensation::new(&config.robot.model, control.friction_compensation),
             models: [params.normalised(), params.swapped().normalised()],
@@ -71,10 +79,21 @@ impl LqrTree {
 
     /// On arming, or when it takes over.
     pub(super) fn reset(&mut self, now: Stamp, e: &Estimate) {
-        self.follower.reset();
+        if self.catch.is_some() {
+            self.follower.stand()
+        } else {
+            self.follower.reset()
+        }
+        self.let_go();
         self.stance = None;
         self.last = now;
         self.first_step = e.steps;
+    }
+
+    const fn let_go(&mut self) {
+        if let Some(catch) = &mut self.catch {
+            catch.reset();
+        }
     }
 
     /// Balance does not recover from here, its legs' pose being `pose`.
@@ -92,9 +111,14 @@ impl LqrTree {
         }
         let dt_s = now.since(self.last).as_s().clamp(0.0, LONGEST_TICK_S);
         self.last = now;
-        let (wish, law, motion) = match self.follower.step(&self.tree, &state_of(e), e.stance, dt_s) {
-            Action::Follow(step) => (self.follow(now, e, seen, &step), LawName::Tree, Motion::Recover),
-            Action::Balance | Action::Lost => {
+        let action = self.follower.step(&self.tree, &state_of(e), e.stance, dt_s, &self.rule);
+        if action != Action::Lost {
+            self.let_go();
+        }
+        let (wish, law, motion) = match (action, &mut self.catch) {
+            (Action::Follow(step), _) => (self.follow(now, e, seen, &step), LawName::Tree, Motion::Recover),
+            (Action::Lost, Some(catch)) => (catch.step(now, e, seen), LawName::FootPlacement, Motion::Recover),
+            (Action::Balance | Action::Lost, _) => {
                 let hip_torque_nm = self.balance.torque_nm(e, seen.late, 0.0);
                 let toe_position_m = self.toes.for_stance(e.stance);
                 (Wish { hip_torque_nm, toe_position_m, ..Wish::default() }, LawName::Balance, Motion::Stand)

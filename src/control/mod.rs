@@ -26,6 +26,7 @@
 )]
 
 mod balance;
+mod catch;
 mod compliance;
 mod foot_placement;
 mod friction;

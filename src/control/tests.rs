@@ -281,6 +281,16 @@ fn transverse_law_on_its_orbit_asks_for_the_planned_torque_and_friction() {
     }
 }
 
+/// The tree alone, and the step that catches alone.
+const TREE: [&str; 3] =
+    ["control.controller=lqr_tree", "control.recovery.tube_share=1.0", "control.recovery.catch=false"];
+const CATCH: [&str; 3] =
+    ["control.controller=lqr_tree", "control.recovery.tube_share=0.0", "control.recovery.catch=true"];
+
+fn recovery(keys: &[&str]) -> Controller {
+    Controller::new(&config(keys)).unwrap()
+}
+
 /// The rigid robot under a controller, semi-implicit steps of 1 ms, touchdown when the swing toe is out and its foot comes
 /// down: is it standing after 4 s, and which laws were used?
 fn recovers(c: &mut Controller, leg: Leg, x: [f64; 4]) -> (bool, bool) {
@@ -319,7 +329,7 @@ fn recovers(c: &mut Controller, leg: Leg, x: [f64; 4]) -> (bool, bool) {
 
 #[test]
 fn tree_law_stands_up_by_a_step_where_balance_falls_and_by_another_integrator_too() {
-    let (mut tree, mut balance) = (controller("lqr_tree"), controller("balance"));
+    let (mut tree, mut balance) = (recovery(&TREE), controller("balance"));
     // Falling forward or backward, standing still but leaning, and swinging: all beyond balance.
     let states = [
         [-0.05, 0.1, -0.5, 0.5],
@@ -346,27 +356,71 @@ fn tree_law_stands_up_by_a_step_where_balance_falls_and_by_another_integrator_to
 }
 
 #[test]
-fn tree_law_is_mirrored_finite_and_does_not_hide_what_is_not() {
-    let mut c = controller("lqr_tree");
-    for x in states() {
+fn step_that_catches_brings_back_what_falls_either_way_and_says_that_it_was_not_the_tree() {
+    // Pushed at the hip while standing, the swing leg still out from balancing: beyond balance, and outside the tree's box.
+    for x in [[-0.06, -0.6, -0.45, 0.0], [0.06, 0.6, 0.45, 0.0], [-0.02, 0.1, -0.5, 0.3], [0.02, -0.1, 0.5, -0.3]] {
         for leg in [Leg::Inner, Leg::Outer] {
-            let mut ask = |x: [f64; 4]| {
-                c.reset(Stamp(0), &state(leg, x));
-                torque(&mut c, &state(leg, x))
-            };
-            let (one, other) = (ask(x), ask(x.map(|v| -v)));
-            assert!(one.is_finite() && (one + other).abs() <= 1e-9 * one.abs(), "{x:?} {one} {other}");
+            let mut c = recovery(&CATCH);
+            assert!(!recovers(&mut controller("balance"), leg, x).0, "{leg:?} {x:?}");
+            let (stood, used_tree) = recovers(&mut c, leg, x);
+            assert!(stood && !used_tree && c.state().law == LawName::Balance, "{leg:?} {x:?}");
         }
     }
-    assert!(!torque(&mut c, &state(Leg::Inner, [f64::NAN, 0.0, 0.0, 0.0])).is_finite());
+    let mut c = recovery(&CATCH);
+    let e = state(Leg::Inner, [-0.06, -0.6, -0.45, 0.0]);
+    c.reset(Stamp(0), &e);
+    c.step(Stamp(0), &e, &Snapshot::default());
+    assert!(c.state().law == LawName::FootPlacement && c.state().motion == Motion::Recover);
 }
 
 #[test]
-fn supervisor_recovers_along_the_tree_and_stands_again() {
+fn tube_is_taken_at_the_share_of_its_level_that_is_asked_for() {
+    // A planned state of the tree, and one beside it.
+    let tree = |c: &Config| {
+        tree::Tree::new(&tree::file::TreeFile::parse("t", &c.control.tree.text, &c.robot.model.params()).unwrap())
+    };
+    let c = config(&TREE);
+    let branch = tree(&c).branches.into_iter().find(|branch| branch.touchdown).unwrap();
+    let law = |share: &str, off: f64| {
+        let mut c = recovery(&["control.controller=lqr_tree", "control.recovery.catch=true", share]);
+        let mut x = branch.nodes[0].state;
+        x[0] += off;
+        let e = state(branch.stance, x);
+        c.reset(Stamp(0), &e);
+        c.step(Stamp(0), &e, &Snapshot::default());
+        c.state().law
+    };
+    assert_eq!(law("control.recovery.tube_share=1.0", 0.0), LawName::Tree);
+    assert_eq!(law("control.recovery.tube_share=0.0", 0.0), LawName::FootPlacement);
+    assert_eq!(law("control.recovery.tube_share=1.0", 0.6), LawName::FootPlacement);
+}
+
+#[test]
+fn recovery_is_mirrored_finite_and_does_not_hide_what_is_not() {
+    for keys in [TREE, CATCH] {
+        let mut c = recovery(&keys);
+        for x in states() {
+            for leg in [Leg::Inner, Leg::Outer] {
+                let mut ask = |x: [f64; 4]| {
+                    c.reset(Stamp(0), &state(leg, x));
+                    torque(&mut c, &state(leg, x))
+                };
+                let (one, other) = (ask(x), ask(x.map(|v| -v)));
+                assert!(one.is_finite() && (one + other).abs() <= 1e-9 * one.abs(), "{keys:?} {x:?} {one} {other}");
+            }
+        }
+        assert!(!torque(&mut c, &state(Leg::Inner, [f64::NAN, 0.0, 0.0, 0.0])).is_finite());
+    }
+}
+
+#[test]
+fn supervisor_recovers_and_stands_again_along_the_tree_and_by_a_step_that_catches() {
     let keys = ["control.controller=walk", "control.walk.recover=true", "control.walk.speed_m_s=0.0"];
-    let mut c = Controller::new(&config(&keys)).unwrap();
-    let (stood, used) = recovers(&mut c, Leg::Inner, [-0.05, 0.1, -0.5, 0.5]);
-    assert!(stood && used && c.state().motion == Motion::Stand);
+    for ([_, share, catch], by_tree) in [(TREE, true), (CATCH, false)] {
+        let mut c = recovery(&[keys[0], keys[1], keys[2], share, catch]);
+        let (stood, used) = recovers(&mut c, Leg::Inner, [-0.05, 0.1, -0.5, 0.5]);
+        assert!(stood && used == by_tree && c.state().motion == Motion::Stand);
+    }
 }
 
 #[test]

@@ -29,6 +29,8 @@ const LARGEST_RAD: f64 = 0.06;
 pub(super) struct BiasObserver {
     /// T, s; 0 = learns nothing.
     time_s: f64,
+    /// A momentum that no bias explains is not learnt.
+    rejects_pushes: bool,
     momentum: Option<f64>,
     bias_rad: f64,
     /// What it was when it was last trusted, rad.
@@ -39,8 +41,8 @@ pub(super) struct BiasObserver {
 
 impl BiasObserver {
     /// Double pole at -1/`time_s`; 0 turns it off.
-    pub(super) const fn new(time_s: f64) -> Self {
-        Self { time_s, momentum: None, bias_rad: 0.0, trusted_rad: 0.0, trusts_observer: false }
+    pub(super) const fn new(time_s: f64, rejects_pushes: bool) -> Self {
+        Self { time_s, rejects_pushes, momentum: None, bias_rad: 0.0, trusted_rad: 0.0, trusts_observer: false }
     }
 
     /// Bias as believed now, rad.
@@ -107,10 +109,21 @@ impl BiasObserver {
         if self.time_s <= 0.0 || !error.is_finite() {
             return self.pause();
         }
+        if self.rejects_pushes && error.abs() > self.largest_error(p) {
+            // It goes on from here.
+            self.momentum = Some(momentum);
+            return;
+        }
         let rate = 1.0 / self.time_s;
         self.momentum = Some(believed + dt_s * (2.0 * rate * error - gs - gw));
         let bias = self.bias_rad - dt_s * rate * rate * error / moment_slope(p);
         self.bias_rad = bias.clamp(-LARGEST_RAD, LARGEST_RAD);
+    }
+
+    /// Largest error of the momentum that a bias of [`LARGEST_RAD`] makes, T after it has come: what is beyond is a push, or a
+    /// hand that lets go.
+    fn largest_error(&self, p: &Normalised<f64>) -> f64 {
+        LARGEST_RAD * moment_slope(p) * self.time_s / std::f64::consts::E
     }
 }
 
@@ -126,7 +139,7 @@ mod tests {
 
     #[test]
     fn what_was_learnt_with_the_wrong_foot_is_taken_back_and_what_was_handed_over_is_not() {
-        let mut bias = BiasObserver { bias_rad: 0.01, ..BiasObserver::new(0.2) };
+        let mut bias = BiasObserver { bias_rad: 0.01, ..BiasObserver::new(0.2, false) };
         bias.trust();
         bias.bias_rad = 0.04;
         bias.hand_over(0.003);
@@ -138,8 +151,31 @@ mod tests {
     }
 
     #[test]
+    fn a_push_is_not_learnt_as_a_bias_and_a_bias_is() {
+        let p = crate::model::compass_gait::params::Params::sysid().normalised();
+        // Standing upright; the device reads `bias` too much, and from 1 s on the stance leg turns at `push_rad_s`.
+        let learnt = |rejects: bool, bias: f64, push_rad_s: f64| {
+            let mut observer = BiasObserver::new(0.3, rejects);
+            let mut most: f64 = 0.0;
+            for k in 0..1200 {
+                let rate = if k < 1000 { 0.0 } else { push_rad_s };
+                let angle = bias - observer.bias_rad();
+                observer.step(&p, &[angle, angle, rate, 0.0], None, 1e-3);
+                most = most.max((observer.bias_rad() - bias).abs() * f64::from(u8::from(k > 900)));
+            }
+            most
+        };
+        assert!(learnt(false, 0.0, 0.4) > 0.02, "what it is about");
+        assert!(learnt(true, 0.0, 0.4) < 0.002);
+        // All that is believed is learnt as before.
+        for bias in [0.01, -0.055] {
+            assert!((learnt(true, bias, 0.0) - learnt(false, bias, 0.0)).abs() < 1e-15);
+        }
+    }
+
+    #[test]
     fn a_learner_that_is_off_has_no_bias_to_take_back() {
-        let mut off = BiasObserver::new(0.0);
+        let mut off = BiasObserver::new(0.0, false);
         off.restart();
         off.hand_over(0.01);
         off.take_back();

@@ -123,7 +123,7 @@ impl Estimator {
             sensors: Sensors::new(robot, control.attitude_time_s, period),
             stance: control.stance,
             state: None,
-            bias: BiasObserver::new(control.bias_time_s),
+            bias: BiasObserver::new(control.bias_time_s, control.bias_rejects_pushes),
             terrain: TerrainZero::new(robot.lidar.as_ref()),
             touchdown: Detector::new(control.touchdown_spring_m),
             weight: Weight::new(std::f64::consts::TAU / robot.hip.encoder_counts_per_turn),

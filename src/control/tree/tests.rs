@@ -140,20 +140,26 @@ fn follower_goes_with_the_state_and_over_a_touchdown() {
     // Slower than the clock: the state stays at the place of t = 1, and so does the follower.
     let x = [0.0, 0.0, -0.1, 0.0];
     for _ in 0..400 {
-        let follow::Action::Follow(step) = follower.step(&tree, &x, Leg::Inner, 0.01) else { panic!("lost") };
+        let follow::Action::Follow(step) = follower.step(&tree, &x, Leg::Inner, 0.01, &follow::Rule::ALONE) else {
+            panic!("lost")
+        };
         assert!((step.place.at_s - 1.0).abs() < 0.02 && (step.torque - 1.0).abs() < 0.02, "{step:?}");
         assert!(step.lands_in_s.is_some_and(|left| (left - 2.0).abs() < 0.02));
     }
     // The other leg stands: the branch that the touchdown leads to.
-    let follow::Action::Follow(step) = follower.step(&tree, &x, Leg::Outer, 0.01) else { panic!("lost") };
+    let follow::Action::Follow(step) = follower.step(&tree, &x, Leg::Outer, 0.01, &follow::Rule::ALONE) else {
+        panic!("lost")
+    };
     assert!(step.place.branch == 1 && step.lands_in_s.is_none());
     // The mirrored state is answered by the mirrored torque.
     let mut mirrored = follow::Follower::default();
     mirrored.reset();
     let ahead = [-0.05, 0.02, 0.1, 0.3];
     let mut plain = mirrored;
-    let (a, b) =
-        (mirrored.step(&tree, &ahead, Leg::Inner, 0.0), plain.step(&tree, &ahead.map(|x| -x), Leg::Inner, 0.0));
+    let (a, b) = (
+        mirrored.step(&tree, &ahead, Leg::Inner, 0.0, &follow::Rule::ALONE),
+        plain.step(&tree, &ahead.map(|x| -x), Leg::Inner, 0.0, &follow::Rule::ALONE),
+    );
     let (follow::Action::Follow(a), follow::Action::Follow(b)) = (a, b) else { panic!("lost") };
     assert!(a.place.mirrored != b.place.mirrored && (a.torque + b.torque).abs() < 1e-12);
 }

@@ -5,7 +5,7 @@
 
 use super::{Ground, State, side};
 use crate::control::tree::cone::bearable;
-use crate::control::tree::follow::{Action, Follower};
+use crate::control::tree::follow::{Action, Follower, Rule};
 use crate::control::tree::{Place, Tree, cost};
 use crate::model::compass_gait::dynamics::{acceleration_without_friction, friction};
 use crate::model::compass_gait::impact;
@@ -60,7 +60,7 @@ pub fn run(ground: &Ground, tree: &Tree, from: (State, Leg), at: Option<Place>, 
     let mut end = End { upright: false, after_s: 0.0, steps: 0 };
     let (mut dt_s, mut swings_s) = (0.0, ground.terms.toe.begun_s);
     while end.after_s < LONGEST_S && x[0].abs() < FALLEN_RAD && x[1].abs() < 1.5 && end.steps <= MOST_STEPS {
-        let (wanted, left_s) = match follower.step(tree, &x, stance, dt_s) {
+        let (wanted, left_s) = match follower.step(tree, &x, stance, dt_s, &Rule::ALONE) {
             Action::Balance => {
                 end.upright = true;
                 return end;
