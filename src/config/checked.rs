@@ -288,7 +288,7 @@ pub struct Limits {
     pub innovation_rad: f64,
     /// IMU age.
     pub imu_age: Span,
-    /// Drive feedback age, per PDO period added.
+    /// Drive feedback age; one PDO period of the hip is added, two of a toe.
     pub drive_age: Span,
     /// Operator age.
     pub operator_age: Span,

@@ -31,7 +31,7 @@ mod mode;
 mod silence;
 
 use crate::base::time::{Span, Stamp};
-use crate::config::checked::{Config, Limits, Toe};
+use crate::config::checked::{Config, DriveConfig, DriveMode, Limits, Toe};
 use crate::msg::{
     DRIVES, Drive, DriveFeedback, DriveFeedbacks, DriveGoal, DriveState, Estimate, Fault, FaultCode, JointCommand,
     Mode, Snapshot, Status, TickInput, ZeroState,
@@ -73,6 +73,10 @@ pub struct Decision {
     pub status: Status,
 }
 
+/// Answers of a toe that may be lost in a row. It holds its place by itself, and a landing is believed by readings of up to 20 ms;
+/// of the hip, whose angle is what the torque follows, the limit is an age.
+const TOE_ANSWERS_LOST: i64 = 2;
+
 /// Limits and timing, constant while running.
 #[derive(Clone, Copy, Debug)]
 struct Rules {
@@ -90,10 +94,17 @@ impl Rules {
         let limits = config.robot.limits;
         let period = config.real_time.period;
         let drives = &config.robot.drives;
-        let age = |divisor: u8| Span(limits.drive_age.0.saturating_add(period.0.saturating_mul(i64::from(divisor))));
+        let age = |drive: &DriveConfig| {
+            let periods = match drive.mode {
+                DriveMode::CyclicTorque => 1,
+                DriveMode::CyclicPosition => TOE_ANSWERS_LOST,
+            };
+            let waits = period.0.saturating_mul(i64::from(drive.sync_divisor) * periods);
+            Span(limits.drive_age.0.saturating_add(waits))
+        };
         Self {
             limits,
-            drive_age: drives.each_ref().map(|drive| age(drive.sync_divisor)),
+            drive_age: drives.each_ref().map(age),
             longest_stall: drives.iter().map(|drive| drive.watchdog).min().unwrap_or(Span::ZERO),
             toe_stroke_m: config.robot.toe.stroke_m,
             toe_rate_m_s: config.robot.toe.rate_limit_m_s,

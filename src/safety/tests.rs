@@ -15,6 +15,8 @@ struct Bench {
     wanted: JointCommand,
     /// Sources go on being stamped.
     live: bool,
+    /// But for this drive.
+    mute: Option<Drive>,
     /// The threads that bring input do so.
     listening: bool,
     drives_follow: bool,
@@ -33,6 +35,7 @@ impl Bench {
             estimate: Estimate { valid: true, ..Estimate::default() },
             wanted: JointCommand { hip_torque_nm: 10.0, toe_position_m: [0.01; 4], ..JointCommand::default() },
             live: true,
+            mute: None,
             listening: true,
             drives_follow: true,
         };
@@ -61,8 +64,10 @@ impl Bench {
             self.input.imu_heard_until = self.input.now;
         }
         if self.live {
-            for drive in &mut self.feedback.drives {
-                drive.stamp = self.input.now;
+            for (index, drive) in self.feedback.drives.iter_mut().enumerate() {
+                if self.mute.is_none_or(|mute| mute as usize != index) {
+                    drive.stamp = self.input.now;
+                }
             }
         } else {
             self.snapshot.operator_age.0 += MS;
@@ -221,6 +226,19 @@ fn stale_sources_trip() {
     bench.live = false;
     let decision = bench.run(200, true);
     assert_eq!(decision.status.first_fault.code, FaultCode::DriveStale, "5 ms and a period is the shortest limit");
+}
+
+/// A drive's word is read in the tick after its SYNC: the one after two lost answers of a toe, which come every 4 ms, at 13 ms.
+#[test]
+fn two_answers_of_a_toe_in_a_row_may_be_lost_and_the_hip_may_be_silent_for_six_ms() {
+    for (drive, most_ms) in [(Drive::Hip, 6), (Drive::InnerToeA, 13), (Drive::OuterToeB, 13)] {
+        let mut bench = Bench::armed();
+        bench.mute = Some(drive);
+        let patient = bench.run(most_ms, true);
+        assert_eq!((patient.status.mode, patient.allowed.hip_torque_nm), (Mode::Armed, 10.0), "{drive:?}");
+        let fault = bench.tick(true).status.first_fault;
+        assert_eq!((fault.code, usize::from(fault.index)), (FaultCode::DriveStale, drive as usize));
+    }
 }
 
 #[test]
