@@ -65,8 +65,19 @@ impl Run for Args {
 /// A socket towards the robot's.
 pub(super) fn connect(path: &std::path::Path) -> anyhow::Result<UnixDatagram> {
     let socket = UnixDatagram::unbound()?;
-    socket.connect(path).with_context(|| format!("nobody listens at {}", path.display()))?;
+    socket.connect(path).map_err(|error| {
+        let why = why_not(error.kind());
+        anyhow::Error::new(error).context(format!("{why} {}", path.display()))
+    })?;
     Ok(socket)
+}
+
+/// A robot that listens, but not to this user, is not gone.
+const fn why_not(kind: io::ErrorKind) -> &'static str {
+    match kind {
+        io::ErrorKind::PermissionDenied => "only the robot's user and members of its group operate it at",
+        _ => "nobody listens at",
+    }
 }
 
 /// Says how the key is, again and again, until the person or a signal ends it.
@@ -86,4 +97,18 @@ fn beat(socket: &UnixDatagram, key: &mut Key, stop: &Stop) -> anyhow::Result<()>
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_is_refused_and_who_finds_nobody_are_told_apart() {
+        let folder = tempfile::tempdir().unwrap();
+        let told = format!("{:#}", connect(&folder.path().join("hand")).unwrap_err());
+        assert!(told.starts_with("nobody listens at ") && told.contains("No such file"), "{told}");
+        // Seen whole in the guest, as another user: this one may be root.
+        assert!(why_not(io::ErrorKind::PermissionDenied).contains("members of its group"));
+    }
 }
