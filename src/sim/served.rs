@@ -9,7 +9,7 @@ mod mocap;
 
 use super::plant::Plant;
 use crate::base::time::{Span, Stamp};
-use crate::bus::socketcan::{End, SocketCan};
+use crate::bus::socketcan::{End, SocketCan, link_report};
 use crate::bus::{Receive, Transmit};
 use crate::config::checked::{BusBackend, Config, SerialBackend};
 use crate::msg::{BUSES, FrameBatch};
@@ -231,8 +231,12 @@ impl Drop for Link {
 fn open_bus(config: &Config, bus: usize) -> Result<SocketCan, ServeError> {
     let settings = &config.robot.buses[bus];
     let BusBackend::SocketCan(name) = &settings.backend else { return Err(ServeError::NoInterface(bus)) };
-    SocketCan::open(name, End::Robot, settings.echo_timeout)
-        .map_err(|cause| ServeError::Can { name: name.clone(), cause })
+    let can_error = |cause| ServeError::Can { name: name.clone(), cause };
+    let socket = SocketCan::open(name, End::Robot, settings.echo_timeout).map_err(can_error)?;
+    if settings.data_bitrate.is_some() {
+        link_report::must_carry_fd(name).map_err(can_error)?;
+    }
+    Ok(socket)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::{Finding, Verdict};
 use crate::bus::socketcan::link_report;
 use crate::cli::imu_probe;
-use crate::config::checked::{BusBackend, Config, Imu, Operator, SerialBackend, Thread};
+use crate::config::checked::{BusBackend, BusConfig, Config, Imu, Operator, SerialBackend, Thread};
 use crate::record::storage;
 use crate::rt::thread::{self, Awake, Missing};
 use crate::sensor::operator::evdev::InputDevice;
@@ -30,7 +30,7 @@ pub(super) fn all(config: &Config, record: &Path) -> Vec<Finding> {
     findings.extend([irq_affinity(config), disk(record)]);
     for (index, bus) in config.robot.buses.iter().enumerate() {
         if let BusBackend::SocketCan(name) = &bus.backend {
-            findings.extend(can_link(index, name, bus.bitrate));
+            findings.extend(can_link(index, name, bus));
         }
     }
     if let SerialBackend::Device(path) = &config.robot.imu.backend {
@@ -263,9 +263,11 @@ fn disk_verdict(what: &str, free: u64, folder: &Path) -> Finding {
     Finding::new(verdict, what, found, "delete old recordings, or record to another disk: --record DIR")
 }
 
-fn can_link(index: usize, name: &str, bitrate: u32) -> Vec<Finding> {
+fn can_link(index: usize, name: &str, bus: &BusConfig) -> Vec<Finding> {
     let what = format!("bus {index}: {name}");
-    let set_up = format!("ip link set {name} up type can bitrate {bitrate} restart-ms 100 berr-reporting on");
+    let BusConfig { bitrate, data_bitrate, .. } = *bus;
+    let fd = data_bitrate.map_or_else(String::new, |data| format!(" dbitrate {data} fd on"));
+    let set_up = format!("ip link set {name} up type can bitrate {bitrate}{fd} restart-ms 100 berr-reporting on");
     let Ok(link) = link_report::inspect(name) else {
         return vec![Finding::new(Verdict::Bad, &what, "no such interface", &set_up)];
     };
@@ -279,12 +281,18 @@ fn can_link(index: usize, name: &str, bitrate: u32) -> Vec<Finding> {
     let changes = if may { "may be taken down and up" } else { "may not be taken down and up" };
     let shorten = format!("ip link set {name} txqueuelen 10: a long queue keeps old commands");
     let capability = "CAP_NET_ADMIN (AmbientCapabilities= of the unit)";
-    vec![
+    let carries_fd = link.mtu.is_none_or(|mtu| mtu >= link_report::FD_MTU);
+    let frames = if carries_fd { "carries CAN-FD" } else { "carries classic frames only" };
+    let mut findings = vec![
         Finding::new(good_if(link.is_up && right_rate, Verdict::Bad), &what, format!("{up}, {rate}"), &set_up),
         Finding::new(good_if(restarts, Verdict::Bad), &what, format!("restart after bus-off {after}"), &set_up),
         Finding::new(good_if(queue <= LONGEST_CAN_QUEUE, Verdict::Warn), &what, format!("queue {queue}"), &shorten),
         Finding::new(good_if(may, Verdict::Bad), &what, changes, capability),
-    ]
+    ];
+    if data_bitrate.is_some() {
+        findings.push(Finding::new(good_if(carries_fd, Verdict::Bad), &what, frames, &set_up));
+    }
+    findings
 }
 
 fn serial(path: &str) -> Finding {

@@ -91,6 +91,9 @@ fn open_bus(config: &Config, bus: usize, pulse: &Arc<Pulse>) -> anyhow::Result<(
 
 fn open_socket(name: &str, settings: &BusConfig) -> std::io::Result<(BusPort, Missing)> {
     let (transmit, receive) = SocketCan::open(name, End::Controller, settings.echo_timeout)?.split();
+    if settings.data_bitrate.is_some() {
+        link_report::must_carry_fd(name)?;
+    }
     let last_words = Box::new(transmit.clone());
     let may_restart = link_report::may_change_links();
     let missing = if may_restart { Missing::default() } else { Missing::BUS_RESTART };
