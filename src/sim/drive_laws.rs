@@ -81,10 +81,15 @@ struct Walk {
 
 impl Walk {
     fn new(case: Case) -> Self {
+        Self::turning(case, 0.0)
+    }
+
+    /// A hip that turns at this rate, rad/s, as if by a hand.
+    fn turning(case: Case, rate: f64) -> Self {
         let config = load(case);
         let reading = Reading { toe_position_m: config.simulation.initial_toe_m, ..Reading::default() };
         Self {
-            plant: Plant::with_world(&config, Box::new(Flywheel { reading, rate: 0.0 })),
+            plant: Plant::with_world(&config, Box::new(Flywheel { reading, rate })),
             lines: [0, 1].map(|bus| Line::new(&config.robot, bus, &config.real_time).unwrap()),
             received: Default::default(),
             sent: Default::default(),
@@ -526,9 +531,27 @@ mod of_one_protocol {
     #[test]
     fn damiao_and_myactuator_with_other_ranges_are_refused() {
         for case in [Case { set: &["robot.drives.hip.dialect=damiao"], ..MIT }, MYACTUATOR] {
-            let mut w = broken(case, |d| d.wrong_ranges = true);
+            let mut w = broken(case, |d| d.wrong_ranges = "torque");
             w.until(1000, |w| w.hip().error_code == SetupFault::WrongRange as u16);
             assert!(w.hip_is(DriveState::Lost));
+        }
+    }
+
+    #[test]
+    fn a_cubemars_of_another_kind_is_refused_when_it_has_moved_without_power_until_it_fits() {
+        for (kind, refused) in [("motor", true), ("torque", false), ("", false)] {
+            let mut w = Walk::turning(MIT, 1.0);
+            w.plant.drive_mut(Drive::Hip).defects_mut().wrong_ranges = kind;
+            w.command(DriveGoal::Disabled, 0);
+            w.ticks(2000);
+            let is_wrong = |w: &Walk| w.hip().error_code == SetupFault::WrongRange as u16;
+            assert_eq!(is_wrong(&w), refused, "{kind}: {:?}", w.hip());
+            // Nothing that a person does arms it: not even with the goal dropped.
+            w.command(DriveGoal::Ready, 0);
+            w.ticks(1500);
+            assert_eq!(is_wrong(&w) && w.hip_is(DriveState::Lost), refused, "{kind}: {:?}", w.hip());
+            w.plant.drive_mut(Drive::Hip).defects_mut().wrong_ranges = "";
+            w.until(3500, |w| w.hip_is(DriveState::Ready) && w.hip().error_code == 0);
         }
     }
 

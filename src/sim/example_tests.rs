@@ -1,6 +1,7 @@
 //! The example robots of `config/examples`, whole: the real tick, every byte over the wires, each protocol at the hip.
 
 use super::*;
+use crate::bus::line::SetupFault;
 use crate::config::{self, Resolved};
 use crate::msg::{Drive, FaultCode, Mode};
 use crate::sim::scenario;
@@ -61,6 +62,28 @@ fn every_walk_walks() {
         let mut lockstep = Lockstep::new(&example(name).config).unwrap();
         let summary = scenario::run(&mut lockstep, Span::from_ms(20_000), Span::from_ms(10_000), |_, _| {});
         assert!(summary.fall.is_none() && summary.steps >= 15, "{name}: {summary:?}");
+    }
+}
+
+/// In every dialect: no robot that walks is taken for one with another kind of motor (that is found: `drive_laws`).
+#[test]
+fn what_an_mit_hip_tells_of_its_velocity_fits_its_way_while_it_walks() {
+    for (name, more) in [
+        ("mit.toml", None),
+        ("mit.toml", Some("robot.drives.hip.dialect=mini_cheetah")),
+        ("myactuator.toml", None),
+        ("mixed.toml", None),
+    ] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples").join(name);
+        let keys = ["control.controller=walk", "sim.on_blocks=false"].into_iter().chain(more);
+        let config = config::load(Some(&path), &keys.map(str::to_owned).collect::<Vec<_>>()).unwrap().config;
+        let mut lockstep = Lockstep::new(&config).unwrap();
+        let mut refused = false;
+        let summary = scenario::run(&mut lockstep, Span::from_ms(20_000), Span::from_ms(1000), |record, _| {
+            refused |= record.feedback.drives[Drive::Hip as usize].error_code == SetupFault::WrongRange as u16;
+        });
+        println!("{name} {more:?}: {} steps", summary.steps);
+        assert!(summary.steps > 10 && !refused, "{name} {more:?}: {summary:?}");
     }
 }
 

@@ -13,6 +13,7 @@ use crate::bus::canopen::Message;
 use crate::msg::{BusFrame, CanFrame, DriveCommand, DriveFeedback, FrameBatch};
 
 /// A drive as its master sees it.
+#[expect(clippy::large_enum_variant, reason = "one for each drive, made before arming and never moved")]
 #[derive(Debug)]
 pub(super) enum Member {
     /// CANopen.

@@ -19,6 +19,7 @@ mod direct;
 mod drive;
 mod in_flight;
 mod member;
+mod pace;
 mod setup;
 mod speak_mit;
 mod speak_moteus;

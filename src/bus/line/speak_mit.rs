@@ -5,6 +5,7 @@
 //! torque goes before and after.
 
 use super::direct::{Heard, Power, Question, Setpoint, Speak, Word};
+use super::pace::Pace;
 use super::setup::SetupFault;
 use crate::base::time::{Span, Stamp};
 use crate::bus::mit::{self, Reply, Special, register, rmd};
@@ -47,6 +48,7 @@ pub(super) struct MitSpeaker {
     node: u8,
     belief: Belief,
     position: Unwrapped,
+    pace: Option<Pace>,
     /// MyActuator: angle and errors are asked for in turns.
     asks: u8,
     /// MyActuator: its last status told an error.
@@ -57,9 +59,10 @@ pub(super) struct MitSpeaker {
 }
 
 impl MitSpeaker {
-    pub(super) const fn new(mit: Mit, node: u8) -> Self {
+    pub(super) fn new(mit: Mit, node: u8) -> Self {
         let position = Unwrapped { last: None, offset_rad: 0.0, at_the_end: 0 };
-        Self { mit, node, belief: Belief::Off, position, asks: 0, faulty: false, commands: 0, torque_nm: 0.0 }
+        let pace = Pace::of(&mit);
+        Self { mit, node, belief: Belief::Off, position, pace, asks: 0, faulty: false, commands: 0, torque_nm: 0.0 }
     }
 
     const fn is_rmd(&self) -> bool {
@@ -104,7 +107,10 @@ impl MitSpeaker {
     /// An answer to a command.
     fn on_reply(&mut self, reply: &Reply, stamp: Stamp) -> Word {
         let power = self.power(reply);
-        let (position_rad, wrong) = self.position.take(reply.position_rad, stamp, &self.mit);
+        let (position_rad, astray) = self.position.take(reply.position_rad, stamp, &self.mit);
+        let pace = self.pace.as_mut();
+        let misfits = pace.is_some_and(|pace| pace.is_broken_by(stamp, position_rad, reply.velocity_rad_s));
+        let wrong = astray.or(misfits.then_some(SetupFault::WrongRange));
         Word {
             position_turns: Some(position_rad / TAU),
             torque_nm: Some(reply.torque_nm),

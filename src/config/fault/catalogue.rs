@@ -133,7 +133,7 @@ catalogue! {
     MitWrongId "mit_wrong_id" Mit [Sim Plant] "drive=hip,for=500ms" [] "byte 0 of the answers is another motor's number"
     MitReplyLength "mit_reply_length" Mit [Sim Plant] "drive=hip,for=500ms" [] "answers have another length than the dialect's"
     MitPositionWrap "mit_position_wrap" Mit [Sim Plant] "drive=hip,for=500ms" [] "the position wraps round at the end of its range"
-    MitWrongRanges "mit_wrong_ranges" Mit [Sim Plant] "drive=hip,for=500ms" [] "a restarted motor works with other ranges"
+    MitWrongRanges "mit_wrong_ranges" Mit [Sim Plant] "kind=torque,drive=hip,for=500ms" ["torque" "motor"] "a restarted motor works with other ranges: of torque alone, or another motor's"
     MitEnterKick "mit_enter_kick" Mit [Sim Plant] "drive=hip" [] "a motor without power holds an old command of full torque when it is entered"
     MitNoZero "mit_no_zero" Mit [Sim Plant] "drive=hip" [] "a restarted motor has forgotten its zero"
 

@@ -31,8 +31,15 @@ impl MitFace {
 
     /// The ranges that it works with.
     fn ranges(&self, bench: &Bench<'_>) -> Mit {
-        let torque_range_nm = self.mit.torque_range_nm * if bench.defects.wrong_ranges { 2.0 } else { 1.0 };
-        Mit { torque_range_nm, ..self.mit }
+        let mut mit = self.mit;
+        if bench.defects.has_wrong_ranges() {
+            mit.torque_range_nm *= 2.0;
+        }
+        if bench.defects.wrong_ranges == "motor" {
+            // About an AK80-64 in the place of an AK10-9.
+            mit.velocity_range_rad_s /= 6.0;
+        }
+        mit
     }
 
     /// The law of the motor: stiffness, damping and torque. With stiffness its position loop is the plant's.
@@ -107,7 +114,7 @@ impl MitFace {
                 answer[6..].copy_from_slice(&bits.to_le_bytes());
             }
             rmd::FIRMWARE_DATE => {
-                let wide = (self.mit.position_range_rad > 12.55) != bench.defects.wrong_ranges;
+                let wide = (self.mit.position_range_rad > 12.55) != bench.defects.has_wrong_ranges();
                 let date: u32 = if wide { 20_260_501 } else { 20_240_101 };
                 answer[4..].copy_from_slice(&date.to_le_bytes());
             }

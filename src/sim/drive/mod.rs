@@ -32,8 +32,8 @@ pub struct Defects {
     pub no_answer: bool,
     /// MIT: answers with another motor's number.
     pub wrong_number: bool,
-    /// MIT: its ranges are not those of the configuration.
-    pub wrong_ranges: bool,
+    /// MIT: its ranges are not those of the configuration: of `torque` alone, or of another `motor`; empty = they are.
+    pub wrong_ranges: &'static str,
     /// ODrive: its encoder message stops while its heartbeat goes on.
     pub no_encoder: bool,
     /// moteus: its position is not set.
@@ -52,6 +52,13 @@ pub struct Defects {
     pub wraps: bool,
     /// ODrive: speaks as the other firmware does.
     pub other_dialect: bool,
+}
+
+impl Defects {
+    /// MIT: its ranges are not those of the configuration.
+    const fn has_wrong_ranges(&self) -> bool {
+        !self.wrong_ranges.is_empty()
+    }
 }
 
 /// What a frame asks of the drive that it is for.

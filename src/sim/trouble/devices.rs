@@ -81,7 +81,7 @@ impl Plant {
             FaultName::MitWrongId => defects.wrong_number = on,
             FaultName::MitReplyLength => defects.short_answers = on,
             FaultName::MitPositionWrap => defects.wraps = on,
-            FaultName::MitWrongRanges => defects.wrong_ranges = on,
+            FaultName::MitWrongRanges => defects.wrong_ranges = if on { fault.kind } else { "" },
             FaultName::OdriveDialect => defects.other_dialect = on,
             FaultName::OdriveNoEncoder => defects.no_encoder = on,
             FaultName::MoteusNotSet => defects.no_position = on,
