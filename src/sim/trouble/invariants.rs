@@ -20,8 +20,9 @@ use crate::sim::plant::Waited;
 
 /// A torque or count that differs by less is the same: the protocols carry 32 bit floats.
 const ROUNDING: f64 = 0.01;
-/// Steps of an MIT motor's code of torque.
+/// Steps of an MIT motor's codes of torque and of position.
 const MIT_STEPS: f64 = 4095.0;
+const MIT_POSITIONS: f64 = 65_535.0;
 /// The first commands to a drive that has just got power carry where it stands.
 const FIRST_PLACES: u32 = 2;
 /// An old command is followed for no longer than a few frames take.
@@ -153,11 +154,12 @@ impl Invariants {
 struct Reader {
     drive: Drive,
     bus: usize,
-    protocol: DriveProtocol,
     reader: SimDrive,
     max_permille: f64,
     /// A step of the code: as near to zero, or to what was decided, as the protocol comes. An MIT setpoint is cut off downwards.
     step_permille: f64,
+    /// An MIT motor, which knows no torque limit, is led in steps; none is for the others.
+    leading: Option<Leading>,
     /// So many commands of this arming may still say where it stands.
     first_places: u32,
     /// From the place decided to the one in the frame: where the drive began to count.
@@ -173,10 +175,10 @@ impl Reader {
         Self {
             drive,
             bus: config.bus.min(BUSES - 1),
-            protocol: config.protocol,
             reader: SimDrive::reader(config),
             max_permille: f64::from(config.max_torque_permille),
             step_permille: step_permille + ROUNDING,
+            leading: Leading::of(config),
             first_places: FIRST_PLACES,
             zero_counts: None,
         }
@@ -208,7 +210,8 @@ impl Reader {
                 if !(0.0..=self.max_permille + ROUNDING).contains(&most) {
                     return Err(Breach::OutOfLimits("torque of a toe, 1/1000", most));
                 }
-                self.toe_place(mode, counts, decided)
+                let at_counts = record.feedback.drives[self.drive as usize].position_counts;
+                self.toe_place(mode, counts, decided, at_counts)
             }
         }
     }
@@ -227,9 +230,8 @@ impl Reader {
         }
     }
 
-    /// Places decided and sent differ by where the drive began to count, which stays while it is armed. An MIT motor, which
-    /// knows no torque limit, is led in small steps instead.
-    fn toe_place(&mut self, mode: Mode, counts: f64, decided: &DriveCommand) -> Result<(), Breach> {
+    /// Places decided and sent differ by where the drive began to count, which stays while it is armed.
+    fn toe_place(&mut self, mode: Mode, counts: f64, decided: &DriveCommand, at_counts: i32) -> Result<(), Breach> {
         if !counts.is_finite() {
             return Err(Breach::OutOfLimits("toe in a frame, counts", counts));
         }
@@ -237,15 +239,61 @@ impl Reader {
             (self.first_places, self.zero_counts) = (FIRST_PLACES, None);
         } else if self.first_places > 0 {
             self.first_places -= 1;
-        } else if !decided.hold && !matches!(self.protocol, DriveProtocol::Mit(_)) {
-            let zero_counts = counts - f64::from(decided.position_counts);
+        } else if !decided.hold {
+            let leading = self.leading.unwrap_or_default();
+            let zero_counts = counts - leading.place(decided, at_counts);
             // A 32 bit float has 24 bits for the place.
-            let rounding = 1.0 + 1e-7 * counts.abs();
-            if (zero_counts - *self.zero_counts.get_or_insert(zero_counts)).abs() > rounding {
+            let rounding = 1.0 + 1e-7 * counts.abs() + leading.step_counts;
+            let moved = leading.unwrapped(zero_counts - *self.zero_counts.get_or_insert(zero_counts));
+            if moved.abs() > rounding {
                 return Err(Breach::Old("a toe's place in a frame is not the one decided"));
             }
         }
         Ok(())
+    }
+}
+
+/// How an MIT motor is sent to a place: no farther ahead of where it stands than its stiffness makes the torque that it may use.
+#[derive(Clone, Copy, Debug, Default)]
+struct Leading {
+    /// Ahead of it at the rated torque, counts.
+    rated_counts: f64,
+    max_permille: f64,
+    /// Steps of the code, and rounding of where it stands.
+    step_counts: f64,
+    /// After so many counts the code begins anew.
+    turn_counts: f64,
+}
+
+impl Leading {
+    fn of(config: &DriveConfig) -> Option<Self> {
+        let DriveProtocol::Mit(mit) = config.protocol else { return None };
+        let [stiffness_nm_rad, _] = mit.gains;
+        let counts_per_rad = mit.counts_per_turn / std::f64::consts::TAU;
+        let turn_counts = 2.0 * mit.position_range_rad * counts_per_rad;
+        (stiffness_nm_rad > 0.0).then_some(Self {
+            rated_counts: config.rated_torque_nm / stiffness_nm_rad * counts_per_rad,
+            max_permille: f64::from(config.max_torque_permille),
+            step_counts: 1.0 + 2.0 * turn_counts / MIT_POSITIONS,
+            turn_counts,
+        })
+    }
+
+    fn place(&self, decided: &DriveCommand, at_counts: i32) -> f64 {
+        let (place, at) = (f64::from(decided.position_counts), f64::from(at_counts));
+        if self.turn_counts == 0.0 {
+            return place;
+        }
+        let reach = 1e-3 * f64::from(decided.torque_limit_permille).clamp(0.0, self.max_permille) * self.rated_counts;
+        place.clamp(at - reach, at + reach)
+    }
+
+    fn unwrapped(&self, counts: f64) -> f64 {
+        if self.turn_counts == 0.0 {
+            counts
+        } else {
+            counts - self.turn_counts * libm::round(counts / self.turn_counts)
+        }
     }
 }
 
@@ -307,6 +355,8 @@ mod tests {
     use crate::config;
     use crate::msg::BusFrame;
     use crate::sim::trouble::table::robot_for;
+
+    use crate::sim::trouble::soak::MIT_TOES;
 
     fn robot(name: &str) -> Config {
         let mixed = ("mixed.toml", include_str!("../../../config/examples/mixed.toml"));
@@ -426,6 +476,36 @@ mod tests {
             assert_eq!(send(decided, counts), Ok(()));
         }
         assert!(matches!(send(9400, 8700), Err(Breach::Old(_))), "the place of the command before");
+    }
+
+    #[test]
+    fn an_mit_toe_is_led_no_farther_than_its_torque_allows_and_towards_what_was_decided() {
+        let config = config::load_text("mit_toes", MIT_TOES, &[]).unwrap().config;
+        let toe = Drive::OuterToeA as usize;
+        let drive = &config.robot.drives[toe];
+        let DriveProtocol::Mit(mit) = drive.protocol else { panic!("an MIT toe") };
+        let mut invariants = Invariants::new(&config);
+        let mut send = |decided: i32, at: i32, counts: f64| {
+            let mut record = TickRecord::default();
+            record.status.mode = Mode::Armed;
+            let command = &mut record.drives.drives[toe];
+            (command.position_counts, command.torque_limit_permille) = (decided, 1000);
+            record.feedback.drives[toe].position_counts = at;
+            let position_rad = counts / mit.counts_per_turn * std::f64::consts::TAU;
+            let setpoint = mit::Setpoint { position_rad, stiffness_nm_rad: mit.gains[0], ..mit::Setpoint::default() };
+            let frame = CanFrame::classic(mit.command_id(drive.node), &setpoint.emit(&mit));
+            record.output.send[drive.bus].push(BusFrame::ours(record.input.now, frame));
+            invariants.look(&record)
+        };
+        // Rated .1 Nm at .2 Nm/rad are half a rad: 159 counts. Its zero is at -500.
+        for (decided, at, counts) in [(900, 700, 0.0), (900, 700, 0.0), (900, 700, 359.0), (705, 700, 205.0)] {
+            assert_eq!(send(decided, at, counts), Ok(()), "{decided} from {at}");
+        }
+        assert!(
+            matches!(send(900, 700, 400.0), Err(Breach::Old(_))),
+            "all the way at once: more torque than it may use"
+        );
+        assert!(matches!(send(500, 700, 359.0), Err(Breach::Old(_))), "the other way");
     }
 
     #[test]
