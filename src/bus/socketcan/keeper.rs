@@ -71,8 +71,21 @@ fn index_of(name: &CString) -> Option<u32> {
     Some(unsafe { libc::if_nametoindex(name.as_ptr()) }).filter(|index| *index > 0)
 }
 
-/// Binds a CAN socket to another interface; the kernel allows that at any time.
+/// Binds a CAN socket to another interface; the kernel allows that at any time. With the old one it has thrown the socket's filters
+/// away (net/can/raw.c, NETDEV_UNREGISTER): without new ones it would send and never hear.
 fn rebind(fd: RawFd, index: u32) -> bool {
+    accept_all(fd) && bind(fd, index)
+}
+
+/// Every frame, whatever its identifier.
+fn accept_all(fd: RawFd) -> bool {
+    let all = libc::can_filter { can_id: 0, can_mask: 0 };
+    let length = size_of::<libc::can_filter>() as libc::socklen_t;
+    // SAFETY: one readable filter of the length told.
+    unsafe { libc::setsockopt(fd, libc::SOL_CAN_RAW, libc::CAN_RAW_FILTER, (&raw const all).cast(), length) == 0 }
+}
+
+fn bind(fd: RawFd, index: u32) -> bool {
     // SAFETY: all-zero is a valid sockaddr_can.
     let mut address: libc::sockaddr_can = unsafe { std::mem::zeroed() };
     address.can_family = libc::AF_CAN as libc::sa_family_t;

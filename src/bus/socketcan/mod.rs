@@ -346,6 +346,81 @@ mod tests {
         assert_eq!(b.health(), BusHealth::Active);
     }
 
+    /// An adapter that is unplugged and plugged in again: the same name, another number.
+    #[test]
+    fn a_socket_hears_and_is_heard_on_an_interface_that_was_made_anew() {
+        let Some(_) = interface() else { return };
+        let name = "vcan7";
+        let ip = |arguments: &str| {
+            let status = std::process::Command::new("ip").args(arguments.split(' ')).status().unwrap();
+            assert!(status.success(), "ip {arguments}");
+        };
+        let plug_in = || {
+            ip(&format!("link add {name} type vcan"));
+            ip(&format!("link set {name} up"));
+        };
+        plug_in();
+        let mut a = open(name);
+        ip(&format!("link delete {name}"));
+        let becomes = |bus: &mut SocketCan, health: BusHealth| {
+            let start = link::monotonic_now();
+            while bus.health() != health && link::monotonic_now().since(start) < Span::from_ms(4000) {
+                bus.receive();
+            }
+            assert_eq!(bus.health(), health);
+        };
+        becomes(&mut a, BusHealth::Down);
+        plug_in();
+        becomes(&mut a, BusHealth::Active);
+        let mut b = open(name);
+        for _ in 0..2 {
+            let frame = CanFrame::new(0x7E1, &[1, 2, 3]);
+            a.send(&frame).unwrap();
+            for (bus, own) in [(&mut a, true), (&mut b, false)] {
+                let start = link::monotonic_now();
+                let mut heard = None;
+                while heard.is_none() && link::monotonic_now().since(start) < Span::from_ms(500) {
+                    heard = bus.receive();
+                }
+                assert_eq!(heard.map(|f| (f.frame, f.own)), Some((frame, own)));
+            }
+            std::mem::swap(&mut a, &mut b);
+        }
+        ip(&format!("link delete {name}"));
+    }
+
+    /// On an interface with an MTU of 72; on one of 16 it says why not, and nothing of it goes out.
+    #[test]
+    fn fd_frames_pass_both_ways_or_are_refused() {
+        let Some(name) = interface() else { return };
+        let (mut a, mut b) = (open(&name), open(&name));
+        let frame = |k: u8| CanFrame::fd(0x7E0 + u32::from(k), &[k; 64][..[1, 8, 12, 48, 64][usize::from(k)]], 0x50);
+        let heard = |bus: &mut SocketCan| {
+            let start = link::monotonic_now();
+            let mut got = Vec::new();
+            while got.len() < 5 && link::monotonic_now().since(start) < Span::from_ms(500) {
+                got.extend(bus.receive().filter(|f| f.frame.is_fd()));
+            }
+            got
+        };
+        if let Err(error) = link_report::must_carry_fd(&name) {
+            assert!(error.to_string().contains("mtu 16"), "{error}");
+            assert_eq!(a.send(&frame(4)), Err(SendError::Down));
+            assert!(heard(&mut b).is_empty());
+            return;
+        }
+        for _ in 0..2 {
+            (0..5).for_each(|k| a.send(&frame(k)).unwrap());
+            let expected: Vec<_> = (0..5).map(frame).collect();
+            for (bus, own) in [(&mut a, true), (&mut b, false)] {
+                let got = heard(bus);
+                assert_eq!(got.iter().map(|f| f.frame).collect::<Vec<_>>(), expected);
+                assert!(got.iter().all(|f| f.own == own));
+            }
+            std::mem::swap(&mut a, &mut b);
+        }
+    }
+
     #[test]
     fn a_step_of_the_wall_clock_ages_no_frame_beyond_the_last_empty_look() {
         let ms = |ms: i64| Stamp(ms * 1_000_000);
