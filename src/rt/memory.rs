@@ -23,9 +23,30 @@ pub fn lock() -> bool {
     }
 }
 
-/// Touches this thread's stack, but for a margin, so that no page of it is missing later.
+/// Touches this thread's stack, but for a margin, so that no page of it is missing later. Of it counts what is left: the control
+/// thread's own frame, with all that is moved into it, took more than the margin once, and it overflowed at its start.
 pub fn touch_stack(stack_bytes: usize) {
-    touch(stack_bytes.saturating_sub(MARGIN + stack_bytes / OVERHEAD) / PIECE);
+    let bytes = left_of_this_stack().map_or(stack_bytes, |left| left.min(stack_bytes));
+    touch(bytes.saturating_sub(MARGIN + bytes / OVERHEAD) / PIECE);
+}
+
+/// From here to the end of this thread's stack.
+fn left_of_this_stack() -> Option<usize> {
+    let mut attributes = MaybeUninit::<libc::pthread_attr_t>::zeroed();
+    let (mut lowest, mut size) = (std::ptr::null_mut(), 0);
+    // SAFETY: the library fills the attributes of this very thread, which are read only then and given back.
+    unsafe {
+        if libc::pthread_getattr_np(libc::pthread_self(), attributes.as_mut_ptr()) != 0 {
+            return None;
+        }
+        let read = libc::pthread_attr_getstack(attributes.as_ptr(), &raw mut lowest, &raw mut size);
+        libc::pthread_attr_destroy(attributes.as_mut_ptr());
+        if read != 0 {
+            return None;
+        }
+    }
+    let here = 0_u8;
+    Some((&raw const here).addr().saturating_sub(lowest.addr()))
 }
 
 #[inline(never)]
@@ -61,5 +82,17 @@ mod tests {
             let thread = std::thread::Builder::new().stack_size(stack_bytes.max(256 * 1024));
             thread.spawn(move || touch_stack(stack_bytes)).unwrap().join().unwrap();
         }
+    }
+
+    /// It ended the process.
+    #[test]
+    fn what_is_used_already_is_not_touched_beyond_the_end() {
+        let frame = || {
+            let mut used = [0_u8; 200 * 1024];
+            black_box(&mut used);
+            touch_stack(512 * 1024);
+            black_box(&mut used);
+        };
+        std::thread::Builder::new().stack_size(512 * 1024).spawn(frame).unwrap().join().unwrap();
     }
 }
