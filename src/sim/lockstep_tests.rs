@@ -228,6 +228,25 @@ fn trusting_the_measurements_with_raised_gain_rings_near_ten_hertz() {
 }
 
 #[test]
+fn pushed_beyond_balance_the_robot_catches_itself_by_a_step() {
+    let observer = ["control.observer_epsilon_s=0.03", "control.bias_rejects_pushes=true", "sim.on_blocks=false"];
+    let mut caught = 0;
+    for impulse_ns in [-4.5, 4.5] {
+        for seed in 1..=3 {
+            let push = [format!("sim.seed={seed}"), format!("sim.pushes=[{{time_s=6.0,impulse_ns={impulse_ns:?}}}]")];
+            let push = push.each_ref().map(String::as_str);
+            let stood = |name: &str| {
+                let controller = format!("control.controller={name}");
+                balance(&[&observer, &push, &[&controller]], 12).0.stands()
+            };
+            assert!(!stood("balance"), "{push:?}");
+            caught += usize::from(stood("lqr_tree"));
+        }
+    }
+    assert!(caught >= 5, "{caught} of 6");
+}
+
+#[test]
 fn attitude_error_that_nobody_learns_makes_the_robot_fall() {
     let error = ["sim.imu.static_error_rad=0.0087", "sim.seed=1"];
     assert!(!balance(&[&OUTER, &error, &["control.bias_time_s=0.0"]], 25).0.stands());
