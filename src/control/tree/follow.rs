@@ -111,7 +111,8 @@ impl Follower {
         if (share > 1.0 || share.is_nan()) && self.looked_s >= LOOK_EVERY_S {
             self.looked_s = 0.0;
             let better = (BETTER * share).min(rule.tube_share);
-            if let Some(found) = tree.scan(stance).best(x).filter(|found| found.share < better) {
+            // Rounding can leave the form of a state on the branch below zero.
+            if let Some(found) = tree.scan(stance).best(x).filter(|found| found.share.max(0.0) < better) {
                 self.place = tree.branches.get(found.branch as usize).map(|branch| Place {
                     branch: found.branch,
                     mirrored: found.mirrored,

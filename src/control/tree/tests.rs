@@ -165,6 +165,23 @@ fn follower_goes_with_the_state_and_over_a_touchdown() {
 }
 
 #[test]
+fn a_share_of_zero_takes_no_tube_even_for_a_state_on_a_branch() {
+    let tree = Tree::new(&tree_file());
+    let (never, always) = (follow::Rule::beside_another(0.0), follow::Rule::beside_another(1.0));
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    let mut below_zero = false;
+    for k in 0..1000 {
+        let node = tree.branches[0].nodes[k % 4];
+        let x = node.state.map(|x| x + uniform(&mut rng, 1e-9));
+        below_zero |= tree.scan(Leg::Inner).best(&x).is_some_and(|found| found.share < 0.0);
+        let action = |rule| follow::Follower::default().step(&tree, &x, Leg::Inner, 0.03, rule);
+        assert_eq!(action(&never), follow::Action::Lost);
+        assert!(matches!(action(&always), follow::Action::Follow(_)));
+    }
+    assert!(below_zero, "what it is about");
+}
+
+#[test]
 fn branch_meets_its_nodes_and_its_rate_between_them() {
     let tree = Tree::new(&tree_file());
     let branch = &tree.branches[0];
