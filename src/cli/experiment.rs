@@ -8,6 +8,7 @@ use crate::experiment::plan::{self, Plan};
 use crate::experiment::results::Results;
 use crate::experiment::{draw, trial_run::Ended};
 use crate::report::page;
+use crate::report::plot::{Plot, sheet};
 use anyhow::Context;
 use sha2::{Digest, Sha256};
 use std::fs;
@@ -16,7 +17,8 @@ use std::path::PathBuf;
 
 /// Runs an experiment: every combination of its axes with every seed, in lockstep, on all cores.
 ///
-/// Goes on where it was when it is started again in the same folder. Writes results.json and report.html.
+/// Goes on where it was when it is started again in the same folder. Writes results.json, report.html
+/// and plots.svg.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -30,7 +32,7 @@ Exit codes: 0 every run completed, 1 some did not, 2 usage or configuration, 3 a
 pub(crate) struct Args {
     /// The experiment
     file: PathBuf,
-    /// Folder of records, results.json and report.html
+    /// Folder of records, results.json, report.html and plots.svg
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Seeds instead of the file's, both included
@@ -42,7 +44,7 @@ pub(crate) struct Args {
     /// Only every n-th run, beginning with the k-th; the folder may be shared by all shards
     #[arg(long, value_name = "K/N", value_parser = shard)]
     shard: Option<[usize; 2]>,
-    /// Runs nothing: writes results.json and report.html from the records that are there
+    /// Runs nothing: writes results.json, report.html and plots.svg from the records that are there
     #[arg(long, conflicts_with = "shard")]
     merge: bool,
     #[command(flatten)]
@@ -97,12 +99,14 @@ impl Args {
         let json = serde_json::to_string_pretty(&results)?;
         write_whole(&self.out.join("results.json"), json.as_bytes()).context("results.json")?;
         write_whole(&self.out.join("report.html"), page::experiment(&told).as_bytes()).context("report.html")?;
+        let plots: Vec<Plot> = told.chapters.iter().flat_map(|chapter| chapter.plots.clone()).collect();
+        write_whole(&self.out.join("plots.svg"), sheet(&plots).as_bytes()).context("plots.svg")?;
         let mut out = io::stdout().lock();
         writeln!(out, "{}\n", told.headline)?;
         for chapter in &told.chapters {
             writeln!(out, "{}\n{}", chapter.heading, chapter.table.to_text())?;
         }
-        writeln!(out, "written    {} and report.html", self.out.join("results.json").display())?;
+        writeln!(out, "written    {}, report.html and plots.svg", self.out.join("results.json").display())?;
         Ok(if results.all_completed() { Outcome::Fine } else { Outcome::Finding })
     }
 }

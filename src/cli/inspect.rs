@@ -20,6 +20,7 @@ use std::path::{Path, PathBuf};
 Examples:
   compass inspect compass-2026-11-20T23-41-24Z.mcap
   compass inspect REC --page run.html          the robot in motion, its angles, torque and toes, in the browser
+  compass inspect REC --animation walk.svg     the robot in motion, for a document
   compass inspect REC --band 8,13 --from 2     how much the hip shakes between 8 and 13 Hz while armed
   compass inspect REC --config > robot.toml    the recorded configuration, usable as --config
 
@@ -34,6 +35,9 @@ pub(crate) struct Args {
     /// Draws the recorded run into this page: animation, legs, torque, toes, speed of each step
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
+    /// Draws the robot's first 15 s of walking into this animated SVG, for a document
+    #[arg(long, value_name = "FILE")]
+    animation: Option<PathBuf>,
     /// Prints how strong the hip's signals are between two frequencies in Hz while armed, nothing else
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_band)]
     band: Option<Band>,
@@ -53,6 +57,11 @@ impl Run for Args {
         }
         if let Some(file) = &self.page {
             page::write(&self.recording, file)?;
+            writeln!(io::stdout(), "{}", file.display())?;
+            return Ok(Outcome::Fine);
+        }
+        if let Some(file) = &self.animation {
+            page::write_animation(&self.recording, file)?;
             writeln!(io::stdout(), "{}", file.display())?;
             return Ok(Outcome::Fine);
         }

@@ -1,6 +1,9 @@
-//! The robot in motion, as a figure of a page: the script only moves lines of a drawing, from numbers in the page. RT: no.
+//! The robot in motion: as a figure of a page, whose script only moves lines of a drawing, from numbers in the page; and as
+//! an animated SVG, for a document that runs no script. RT: no.
 
+use super::plot::STYLE;
 use serde_json::json;
+use std::fmt::Write as _;
 
 /// The robot at an instant.
 #[derive(Clone, Copy, Debug)]
@@ -17,14 +20,26 @@ pub struct Pose {
     pub foot_m: [f64; 2],
 }
 
+/// Joints in the plane, m: forward, up.
+struct Joints {
+    hip_m: [f64; 2],
+    inner_m: [f64; 2],
+    outer_m: [f64; 2],
+    body_rad: f64,
+}
+
 impl Pose {
-    fn row(&self) -> serde_json::Value {
+    fn joints(&self) -> Joints {
         let ([stance_rad, swing_rad], [stance_m, swing_m]) = (self.angles_rad, self.lengths_m);
         let hip =
             [self.foot_m[0] - stance_m * libm::sin(stance_rad), self.foot_m[1] + stance_m * libm::cos(stance_rad)];
         let toe = [hip[0] + swing_m * libm::sin(swing_rad), hip[1] - swing_m * libm::cos(swing_rad)];
         let [inner, outer] = if self.inner_stands { [self.foot_m, toe] } else { [toe, self.foot_m] };
-        let body_rad = -0.5 * (stance_rad + swing_rad);
+        Joints { hip_m: hip, inner_m: inner, outer_m: outer, body_rad: -0.5 * (stance_rad + swing_rad) }
+    }
+
+    fn row(&self) -> serde_json::Value {
+        let Joints { hip_m: hip, inner_m: inner, outer_m: outer, body_rad } = self.joints();
         let numbers = [self.t_s, hip[0], hip[1], inner[0], inner[1], outer[0], outer[1], body_rad].map(round);
         json!([
             numbers[0],
@@ -60,6 +75,80 @@ pub fn figure(poses: &[Pose], periodic: bool) -> String {
     )
 }
 
+/// The same as a file that stands alone, in real time over and over: the camera goes with the hip. At most
+/// [`LONGEST_S`] from the first pose on.
+#[must_use]
+pub fn animated_svg(poses: &[Pose]) -> String {
+    let start_s = poses.first().map_or(0.0, |pose| pose.t_s);
+    let end_s = poses.last().map_or(0.0, |pose| pose.t_s).min(start_s + LONGEST_S);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some hundred frames")]
+    let frames = ((end_s - start_s) * FRAMES_PER_S) as usize + 1;
+    let mut shown = poses.iter().peekable();
+    let mut joints = Vec::with_capacity(frames);
+    for k in 0..frames {
+        #[expect(clippy::cast_precision_loss, reason = "some hundred frames")]
+        let t_s = start_s + k as f64 / FRAMES_PER_S;
+        while shown.next_if(|pose| pose.t_s < t_s).is_some() {}
+        joints.extend(shown.peek().map(|pose| pose.joints()));
+    }
+    let duration_s = (end_s - start_s).max(1.0 / FRAMES_PER_S);
+    let animate = |attribute: &str, value: &dyn Fn(&Joints) -> f64| {
+        let values: Vec<String> = joints.iter().map(|j| format!("{:.1}", value(j))).collect();
+        format!(
+            "<animate attributeName=\"{attribute}\" dur=\"{duration_s:.2}s\" repeatCount=\"indefinite\" values=\"{}\"/>",
+            values.join(";")
+        )
+    };
+    let (x, y) = (|at: f64, hip: f64| 430.0 + PIXELS_PER_M * (at - hip), |at: f64| 310.0 - PIXELS_PER_M * at);
+    let line = |class: &str, width: u32, ends: [String; 3]| {
+        format!(
+            "<line x1=\"430\" stroke=\"var(--{class})\" stroke-width=\"{width}\" stroke-linecap=\"round\">{}</line>",
+            ends.concat()
+        )
+    };
+    let hip_y = |j: &Joints| y(j.hip_m[1]);
+    let leg = |class: &str, foot: &dyn Fn(&Joints) -> [f64; 2]| {
+        let to =
+            [animate("y1", &hip_y), animate("x2", &|j| x(foot(j)[0], j.hip_m[0])), animate("y2", &|j| y(foot(j)[1]))];
+        line(class, 6, to)
+    };
+    let body = [
+        animate("y1", &hip_y),
+        animate("x2", &|j| 430.0 + BODY_PIXELS * libm::sin(j.body_rad)),
+        animate("y2", &|j| hip_y(j) - BODY_PIXELS * libm::cos(j.body_rad)),
+    ];
+    let hips = joints.iter().map(|j| j.hip_m[0]);
+    let [least_m, most_m] = [hips.clone().fold(f64::INFINITY, f64::min), hips.fold(f64::NEG_INFINITY, f64::max)];
+    let mut floor = String::new();
+    // Marks of the floor, 200 mm apart, move under the robot.
+    #[expect(clippy::cast_possible_truncation, reason = "some metres")]
+    for mark in (5.0 * (least_m - 2.0)) as i64..=(5.0 * (most_m + 2.0)) as i64 {
+        #[expect(clippy::cast_precision_loss, reason = "some metres")]
+        let place = PIXELS_PER_M * mark as f64 / 5.0;
+        let _infallible = write!(floor, "M{place:.0} 310l-8 10");
+    }
+    let shifts: Vec<String> = joints.iter().map(|j| format!("{:.1} 0", 430.0 - PIXELS_PER_M * j.hip_m[0])).collect();
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 860 340\" width=\"860\" height=\"340\"><style>{STYLE}</style>\
+         <rect width=\"100%\" height=\"100%\" fill=\"var(--paper)\"/><path stroke=\"var(--soft)\" d=\"M0 310H860\"/>\
+         <path stroke=\"var(--soft)\" d=\"{floor}\"><animateTransform attributeName=\"transform\" type=\"translate\" \
+         dur=\"{duration_s:.2}s\" repeatCount=\"indefinite\" values=\"{}\"/></path>{}{}{}\
+         <circle cx=\"430\" r=\"8\" fill=\"var(--ink)\">{}</circle></svg>\n",
+        shifts.join(";"),
+        leg("refitted", &|j| j.outer_m),
+        leg("explained", &|j| j.inner_m),
+        line("ink", 10, body),
+        animate("cy", &hip_y)
+    )
+}
+
+/// Longest animation of a document, s; its frames in a second.
+const LONGEST_S: f64 = 15.0;
+const FRAMES_PER_S: f64 = 25.0;
+/// Scale of its drawing, and the body's length in it.
+const PIXELS_PER_M: f64 = 250.0;
+const BODY_PIXELS: f64 = 45.0;
+
 /// Tenths of a millimetre, a millisecond, a tenth of a milliradian: enough for a drawing.
 fn round(x: f64) -> f64 {
     (x * 1e4).round() / 1e4
@@ -68,6 +157,23 @@ fn round(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn animated_drawing_has_a_value_for_each_frame_and_keeps_the_hip_in_the_middle() {
+        let pose = |k: u32| {
+            let s = f64::from(k) / 100.0;
+            let angles_rad = [0.2 - 0.4 * s, -0.2 + 0.4 * s];
+            Pose { t_s: 3.0 + s, inner_stands: true, angles_rad, lengths_m: [1.0; 2], foot_m: [0.5, 0.0] }
+        };
+        let svg = animated_svg(&(0..=100).map(pose).collect::<Vec<_>>());
+        let values: Vec<usize> =
+            svg.split("values=\"").skip(1).map(|v| v.split('"').next().unwrap().split(';').count()).collect();
+        assert_eq!(values, [26; 11], "1 s, 25 frames a second, both ends");
+        // The inner foot begins .2 rad ahead of the hip, 250 px to a metre.
+        let first = format!("values=\"{:.1};", 430.0 + 250.0 * 0.2_f64.sin());
+        assert!(svg.contains(&first) && !svg.contains("NaN"), "{first}");
+        assert!(!animated_svg(&[]).contains("NaN"));
+    }
 
     #[test]
     fn feet_are_where_legs_and_hip_say() {

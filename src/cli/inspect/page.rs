@@ -1,10 +1,10 @@
-//! `compass inspect REC --page FILE`: the recorded robot in motion. RT: no.
+//! `compass inspect REC --page FILE` and `--animation FILE`: the recorded robot in motion. RT: no.
 
 use crate::base::time::Stamp;
 use crate::config;
 use crate::msg::{Leg, Mode, TickRecord};
 use crate::record::Reader;
-use crate::report::animation::Pose;
+use crate::report::animation::{Pose, animated_svg};
 use crate::report::recorded::{Recorded, page};
 use anyhow::Context;
 use std::fs;
@@ -15,6 +15,22 @@ const MOST_INSTANTS: usize = 6000;
 
 /// Writes the page.
 pub(super) fn write(recording: &Path, file: &Path) -> anyhow::Result<()> {
+    fs::write(file, page(&read(recording)?)).with_context(|| file.display().to_string())
+}
+
+/// Writes the motion alone, from shortly before the first step on.
+pub(super) fn write_animation(recording: &Path, file: &Path) -> anyhow::Result<()> {
+    let run = read(recording)?;
+    let first_s = run.steps.first().map_or(0.0, |[t_s, _]| t_s - BEFORE_S);
+    let poses: Vec<Pose> = run.poses.into_iter().filter(|pose| pose.t_s >= first_s).collect();
+    anyhow::ensure!(!poses.is_empty(), "{}: the robot was never armed", recording.display());
+    fs::write(file, animated_svg(&poses)).with_context(|| file.display().to_string())
+}
+
+/// So long before the second touchdown, whose step is the first with a speed, an animation begins, s.
+const BEFORE_S: f64 = 2.5;
+
+fn read(recording: &Path) -> anyhow::Result<Recorded> {
     let ticks = count(recording)?;
     let mut reader = Reader::open(recording)?;
     let mut first = reader.next_tick()?.context("the recording holds no tick")?;
@@ -28,7 +44,7 @@ pub(super) fn write(recording: &Path, file: &Path) -> anyhow::Result<()> {
         first = next;
     }
     let name = recording.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    fs::write(file, page(&run.finish(name))).with_context(|| file.display().to_string())
+    Ok(run.finish(name))
 }
 
 fn count(recording: &Path) -> anyhow::Result<usize> {
