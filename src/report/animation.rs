@@ -61,7 +61,7 @@ pub fn figure(poses: &[Pose], periodic: bool) -> String {
     let rows: Vec<_> = poses.iter().map(Pose::row).collect();
     let data = json!({"periodic": periodic, "rows": rows}).to_string();
     format!(
-        "<figure><svg id=\"walk\" class=\"plot\" viewBox=\"0 0 860 360\" role=\"img\" aria-label=\"the robot walks\">\
+        "<figure><svg id=\"walk\" class=\"plot\" viewBox=\"0 -12 860 360\" role=\"img\" aria-label=\"the robot walks\">\
          <path id=\"floor\" stroke=\"var(--soft)\" fill=\"none\"/>\
          <line id=\"outer\" stroke=\"var(--refitted)\" stroke-width=\"6\" stroke-linecap=\"round\"/>\
          <line id=\"inner\" stroke=\"var(--explained)\" stroke-width=\"6\" stroke-linecap=\"round\"/>\
@@ -129,8 +129,8 @@ pub fn animated_svg(poses: &[Pose]) -> String {
     }
     let shifts: Vec<String> = joints.iter().map(|j| format!("{:.1} 0", 430.0 - PIXELS_PER_M * j.hip_m[0])).collect();
     format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 860 340\" width=\"860\" height=\"340\"><style>{STYLE}</style>\
-         <rect width=\"100%\" height=\"100%\" fill=\"var(--paper)\"/><path stroke=\"var(--soft)\" d=\"M0 310H860\"/>\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 -12 860 340\" width=\"860\" height=\"340\"><style>{STYLE}</style>\
+         <rect y=\"-12\" width=\"100%\" height=\"100%\" fill=\"var(--paper)\"/><path stroke=\"var(--soft)\" d=\"M0 310H860\"/>\
          <path stroke=\"var(--soft)\" d=\"{floor}\"><animateTransform attributeName=\"transform\" type=\"translate\" \
          dur=\"{duration_s:.2}s\" repeatCount=\"indefinite\" values=\"{}\"/></path>{}{}{}\
          <circle cx=\"430\" r=\"8\" fill=\"var(--ink)\">{}</circle></svg>\n",
