@@ -82,19 +82,24 @@ impl FootPlacement {
         self.landing.reset();
     }
 
-    /// The next tick begins a step in the middle of a walk: another law has walked before.
+    /// The next tick begins a step in the middle of a walk, at a touchdown: another law has walked before.
     pub(super) fn join(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) {
         let (stance_m, swing_m) = by_stance(&seen.toe_position_m, e.stance);
         self.landing.learn_floor(e, stance_m - swing_m);
         self.step = Some(self.new_step(now, e, stance_m, false));
     }
 
-    /// The next tick goes on with a step that begins now, from wherever the legs are: the robot falls.
-    pub(super) fn catch(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) {
+    /// The next tick goes on with another law's step: one foot is in the air and says nothing of the floor.
+    pub(super) fn take_over(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) {
         let (stance_m, _) = by_stance(&seen.toe_position_m, e.stance);
-        self.landing.begin_to_catch();
         let stance_toe = StanceToe::new(now, stance_m, 0.0);
         self.step = Some(Step { stance_toe, ..self.new_step(now, e, stance_m, false) });
+    }
+
+    /// The next tick goes on with a step that begins now, from wherever the legs are: the robot falls.
+    pub(super) fn catch(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) {
+        self.landing.begin_to_catch();
+        self.take_over(now, e, seen);
     }
 
     /// Torque and toes for this state.

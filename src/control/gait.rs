@@ -101,7 +101,7 @@ impl Gait {
             self.choose(now, e, seen, motion);
         } else if self.in_charge && falls_back(e) {
             // No gait that goes forward catches it; a step backwards does.
-            self.placement.join(now, e, seen);
+            self.placement.take_over(now, e, seen);
             self.in_charge = false;
         }
         let (mut wish, law) = match &mut self.own {
