@@ -4,6 +4,7 @@
     pip install mujoco numpy drake
     bench/diagnose/foreign.py --seed 1 --cases 100 --out /tmp/foreign            healthy ones
     bench/diagnose/foreign.py --seed 2 --cases 100 --out /tmp/foreign-ill --ill  one effect each, for the intervals
+    bench/diagnose/foreign.py --seed 3 --cases 100 --out /tmp/walkers --walkers  healthy walkers, of MuJoCo alone
     compass score /tmp/foreign/cases --truth /tmp/foreign/truth
 
 Healthy: the rig has every effect of the machine, its free numbers are up to 20 % off. What differs is what differs between
@@ -329,8 +330,6 @@ def write_case(rng, folder, truth, name, engines, ill):
     simulator = engine(kind, numbers, extra, friction, rng, step_s)
     joints = joints_of(kind)
     hidden = drawn_effect(rng, joints, scale, step_s) if ill else None
-    case = folder / name
-    case.mkdir(parents=True)
     runs = [record(rng, simulator, (joints, scale, step_s, kind), hidden, 6.0) for _ in range(3)]
     has_rate = rng.random() < 0.5
     form = str(rng.choice(NOISE))
@@ -338,17 +337,15 @@ def write_case(rng, folder, truth, name, engines, ill):
     fast = [np.std([row[3][j] for run in runs for row in run]) for j in range(len(joints))]
     stds, rate_stds = [s * 10 ** rng.uniform(-3, -2) for s in spread], [s * 10 ** rng.uniform(-2.3, -1.5) for s in fast]
     quantum = float(2 * math.pi / 2 ** int(rng.integers(12, 16))) if rng.random() < 0.5 and kind != "slider" else 0.0
-    for n, run in enumerate(runs):
-        head = ["t_s"] + [f"u_{j}" for j in joints] + [f"{j}_pos" for j in joints] + ([f"{j}_gyro" for j in joints] if has_rate else [])
-        columns = [[row[0] for row in run]] + [[row[1][i] for row in run] for i in range(len(joints))]
-        for i in range(len(joints)):
+    tables = []
+    for run in runs:
+        columns = {"t_s": [row[0] for row in run]} | {f"u_{j}": [row[1][i] for row in run] for i, j in enumerate(joints)}
+        for i, j in enumerate(joints):
             y = np.array([row[2][i] for row in run]) + noise_like(rng, form, stds[i], len(run))
-            columns.append(np.round(y / quantum) * quantum if quantum else y)
-        for i in range(len(joints) if has_rate else 0):
-            columns.append(np.array([row[3][i] for row in run]) + noise_like(rng, form, rate_stds[i], len(run)))
-        lines = [",".join(head)] + [",".join(f"{x:.7g}" for x in row) for row in zip(*columns)]
-        (case / f"run_{'abc'[n]}.csv").write_text("\n".join(lines) + "\n")
-    (case / "rig.toml").write_text(rig(rng, name, kind, numbers, friction, joints, has_rate, quantum, ill))
+            columns[f"{j}_pos"] = np.round(y / quantum) * quantum if quantum else y
+        for i, j in enumerate(joints if has_rate else []):
+            columns[f"{j}_gyro"] = np.array([row[3][i] for row in run]) + noise_like(rng, form, rate_stds[i], len(run))
+        tables.append(columns)
     effects = []
     if hidden:
         effect, at, keys, _ = hidden
@@ -356,10 +353,23 @@ def write_case(rng, folder, truth, name, engines, ill):
         if effect == "torque_offset":
             twins.append({"effect": "friction_asymmetry", "at": at})
         effects = [{"effect": effect, "at": at, "one_of": twins, "parameters": keys}]
-    verdict = ["explained", "ambiguous"] if hidden else ["consistent", "parameters"]
     note = f"{kind}, {simulator.note}, {form} noise, row {step_s} s"
+    text = rig(rng, name, kind, numbers, friction, joints, has_rate, quantum, ill)
+    write_files(folder, truth, name, tables, text, note, effects)
+
+
+def write_files(folder, truth, name, tables, rig_text, note, effects=()):
+    """A case in the form of docs/contract.md, and its truth beside it."""
+    case = folder / name
+    case.mkdir(parents=True)
+    for n, columns in enumerate(tables):
+        lines = [",".join(columns)] + [",".join(f"{x:.7g}" for x in row) for row in zip(*columns.values())]
+        (case / f"run_{'abc'[n]}.csv").write_text("\n".join(lines) + "\n")
+    (case / "rig.toml").write_text(rig_text)
     truth.mkdir(parents=True, exist_ok=True)
-    (truth / f"{name}.json").write_text(json.dumps({"verdict": verdict, "note": note, "effects": effects}, indent=1) + "\n")
+    verdict = ["explained", "ambiguous"] if effects else ["consistent", "parameters"]
+    content = {"verdict": verdict, "note": note, "effects": list(effects)}
+    (truth / f"{name}.json").write_text(json.dumps(content, indent=1) + "\n")
 
 
 def rig(rng, name, kind, numbers, friction, joints, has_rate, quantum, exact):
@@ -391,13 +401,20 @@ def main():
     parser.add_argument("--cases", type=int, default=20)
     parser.add_argument("--out", type=pathlib.Path, required=True)
     parser.add_argument("--ill", action="store_true", help="one hidden effect each")
+    parser.add_argument("--walkers", action="store_true", help="healthy walking robots")
     parser.add_argument("--engines", default="mujoco,drake,script", help="of these")
     args = parser.parse_args()
     names = {"mujoco": MuJoCo, "drake": Drake, "script": Symplectic}
     engines = [names[name] for name in args.engines.split(",")]
     for n in range(args.cases):
-        rng = np.random.default_rng([args.seed, n])
-        write_case(rng, args.out / "cases", args.out / "truth", f"foreign-{n + 1:03d}", engines, args.ill)
+        rng, name = np.random.default_rng([args.seed, n]), f"foreign-{n + 1:03d}"
+        if args.walkers:
+            import foreign_walkers
+
+            files = {"noise": NOISE, "write": write_files}
+            foreign_walkers.write_case(rng, args.out / "cases", args.out / "truth", name, noise_like, files)
+            continue
+        write_case(rng, args.out / "cases", args.out / "truth", name, engines, args.ill)
 
 
 if __name__ == "__main__":
