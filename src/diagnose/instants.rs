@@ -1,4 +1,5 @@
-//! What a part of a row explains: a reading stands at the row that is nearest to its instant, so that it is known to half a row.
+//! What no recording tells explains too: a reading stands at the row that is nearest to its instant, so that it is known to half a
+//! row, and a touchdown takes a moment ([`super::touchdowns`]).
 //!
 //! Two simulators of one machine that hold a command, step and read in another order differ by that much, and so do a drive and
 //! its logger ([`crate::identify::sampling`]). Beside what those instants explain an effect must still count; else half a row
@@ -8,14 +9,12 @@
 use crate::diagnose::fitted_model::FittedModel;
 use crate::diagnose::judge::numbers::HALF_A_ROW;
 use crate::diagnose::score_test::{Column, ScoreTest};
-use crate::diagnose::tables::step_s;
+use crate::diagnose::touchdowns::touchdown_changes;
 use crate::identify::covariance::Change;
-use crate::identify::fit::{FreeRuns, Limits, Point, Series};
+use crate::identify::fit::{Bound, FreeRuns, Limits, Point, Series, fit};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use crate::identify::sampling::one_row_later;
-use crate::model::effect::EffectKind;
-use crate::model::rig::{Effect, Value};
 
 /// Changes of the predictions when each sensor reads a row later. A command that acts a row earlier is all of them together.
 fn readings_later(of: &FittedModel) -> Vec<Change> {
@@ -33,35 +32,26 @@ pub fn gain_beside_instants(
     richer: &FittedModel,
     (gain, least): (f64, f64),
     only: Option<&str>,
-    floors: &[f64],
 ) -> f64 {
     let noise = &richer.noise;
     let linear = gain - explained_by_instants(plain, noise, only) + explained_by_instants(richer, noise, only);
     if linear <= least || only.is_some() {
         return linear;
     }
-    let fitted = |of: &FittedModel| Some(with_instants(of, noise, floors)?.blocks(noise).iter().sum::<f64>());
-    let [Some(without), Some(with)] = [plain, richer].map(fitted) else { return linear };
-    with - without
+    let [Some(without), Some(with)] = [plain, richer].map(|of| cost_beside_instants(of, noise)) else { return linear };
+    without - with
 }
 
 /// As the refit without an effect is done.
 const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
-/// `of` with the instants of its readings fitted too.
-fn with_instants(of: &FittedModel, noise: &[Colour], floors: &[f64]) -> Option<FittedModel> {
-    let half_s = HALF_A_ROW * step_s(of);
-    let mut rig = of.rig.clone();
-    let late = |column: &str| {
-        Effect::new(EffectKind::SensorDelay, column, vec![Value::free(NEARLY_NOTHING * half_s, -half_s, half_s)])
-    };
-    rig.effects.extend(of.rig.sensors.iter().map(|sensor| late(&sensor.column)));
-    let (problem, start) = of.extended(rig);
-    FittedModel::fitted(problem, start, noise, floors, REFIT)
+/// What is left of `of`, in twice the negative log-likelihood but for a constant, when instants and touchdowns are fitted too.
+fn cost_beside_instants(of: &FittedModel, noise: &[Colour]) -> Option<f64> {
+    let (runs, start) = FreeInstants::around(of, touchdown_changes(of));
+    let bounds = [of.problem.bounds(), runs.bounds()].concat();
+    let cost = fit(&runs, start, &bounds, noise, REFIT).cost;
+    cost.is_finite().then_some(cost)
 }
-
-/// Part of a row from which a delay is one, for the first derivative.
-const NEARLY_NOTHING: f64 = 1e-3;
 
 /// Rise of twice the log-likelihood of `of` under `noise` when commands and readings move within their rows.
 fn explained_by_instants(of: &FittedModel, noise: &[Colour], only: Option<&str>) -> f64 {
@@ -86,23 +76,35 @@ fn explained_by_instants(of: &FittedModel, noise: &[Colour], only: Option<&str>)
     let apart = changes.iter().flat_map(|change| own.iter().map(|w| alone(change, *w)));
     let columns: Vec<Column> =
         std::iter::once(nothing.clone()).chain(changes.iter().map(others)).chain(apart).collect();
-    let bounds = vec![(-HALF_A_ROW, HALF_A_ROW); columns.len() - 1];
-    screen.promise(&columns, &[], &bounds).max(0.0)
+    let touchdowns = touchdown_changes(of);
+    let mut bounds = vec![(-HALF_A_ROW, HALF_A_ROW); columns.len() - 1];
+    bounds.extend(touchdowns.iter().map(|_| (-1.0, 1.0)));
+    screen.promise(&[columns, touchdowns].concat(), &[], &bounds).max(0.0)
 }
 
-/// A problem whose instants are numbers that are fitted as well.
+/// A problem in which the predictions move by changes whose sizes are fitted as well: the instants of the readings within their rows,
+/// in rows, then what else is given, once either way.
 pub struct FreeInstants<'p> {
     problem: &'p Problem,
     changes: Vec<Change>,
+    readings: usize,
 }
 
 impl<'p> FreeInstants<'p> {
     /// Around the fit `of`, and where that stands.
     #[must_use]
-    pub fn around(of: &'p FittedModel) -> (Self, Point) {
-        let changes = readings_later(of);
+    pub fn around(of: &'p FittedModel, others: Vec<Column>) -> (Self, Point) {
+        let mut changes = readings_later(of);
+        let readings = changes.len();
+        changes.extend(others);
         let parameters = [&of.point.parameters[..], &vec![0.0; changes.len()]].concat();
-        (Self { problem: &of.problem, changes }, Point { parameters, states: of.point.states.clone() })
+        (Self { problem: &of.problem, changes, readings }, Point { parameters, states: of.point.states.clone() })
+    }
+
+    /// Of the sizes of the changes.
+    fn bounds(&self) -> Vec<Bound> {
+        let most = |i: usize| if i < self.readings { HALF_A_ROW } else { 1.0 };
+        (0..self.changes.len()).map(|i| Bound { min: -most(i), max: most(i) }).collect()
     }
 }
 
@@ -113,12 +115,34 @@ impl FreeRuns for FreeInstants<'_> {
 
     fn run(&self, window: usize, parameters: &[f64], state: &[f64], slopes: bool) -> Option<Vec<Series>> {
         let shared = parameters.len() - self.changes.len();
-        let mut out = self.problem.run(window, &parameters[..shared], state, slopes)?;
-        for (c, series) in out.iter_mut().enumerate().filter(|_| slopes) {
-            let own: Vec<Vec<f64>> = self.changes.iter().map(|change| change[window][c].clone()).collect();
-            series.slopes.splice(shared..shared, own);
+        let (own, sizes) = parameters.split_at(shared);
+        let mut out = self.problem.run(window, own, state, slopes)?;
+        for (c, series) in out.iter_mut().enumerate() {
+            let of_channel = |change: &Change| change[window].get(c).cloned().unwrap_or_default();
+            for (change, size) in self.changes.iter().zip(sizes).filter(|(_, size)| **size != 0.0) {
+                for (residual, by) in series.residual.iter_mut().zip(of_channel(change)) {
+                    *residual += size * by;
+                }
+            }
+            if slopes {
+                let rows = series.residual.len();
+                let slope = |change: &Change| {
+                    let mut slope = of_channel(change);
+                    slope.resize(rows, 0.0);
+                    slope
+                };
+                series.slopes.splice(shared..shared, self.changes.iter().map(slope));
+            }
         }
         Some(out)
+    }
+
+    fn reach(&self, index: usize) -> f64 {
+        if index < self.problem.logarithmic.len() { self.problem.reach(index) } else { f64::INFINITY }
+    }
+
+    fn is_exhausted(&self) -> bool {
+        self.problem.is_exhausted()
     }
 }
 
@@ -136,7 +160,7 @@ mod tests {
         let (plain, richer) = (problem.fitted("", 20, &context), problem.fitted(effect, 20, &context));
         let total = |h: &FittedModel| -> f64 { h.blocks(&richer.noise).iter().sum() };
         let gain = total(&richer) - total(&plain);
-        (gain, gain_beside_instants(&plain, &richer, (gain, 0.0), None, &context.floors))
+        (gain, gain_beside_instants(&plain, &richer, (gain, 0.0), None))
     }
 
     #[test]

@@ -46,7 +46,7 @@ const TOO_SMALL: &str = "too small to matter";
 const UNDETERMINED: &str = "its 95 % interval reaches nothing";
 const REFUTED: &str = "recordings that were not fitted speak against it";
 const CHANCE: &str = "beside the others it gains no more than chance";
-const LATE: &str = "commands and readings are known to a row, and that explains it";
+const LATE: &str = "commands and readings are known to a row, touchdowns to some milliseconds, and that explains it";
 
 /// As [`refit_without`] does it.
 const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
@@ -120,7 +120,7 @@ impl Kept {
             }
             let least = detection_threshold(context, numbers);
             let only = candidate.only.as_deref();
-            let beside = gain_beside_instants(&without, &self.found, (gain, least), only, &context.floors);
+            let beside = gain_beside_instants(&without, &self.found, (gain, least), only);
             let why = if gain > least { LATE } else { CHANCE };
             (beside <= least).then_some(Refuted { effect, gained: beside, without, why })
         };

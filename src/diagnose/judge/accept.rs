@@ -7,8 +7,8 @@ use super::criterion::{Context, compare, detection_threshold};
 use super::evidence::{Comparison, Evidence};
 use super::flexibility::is_overly_flexible;
 use super::numbers::{
-    AT_BOUND, BEYOND_DOUBT, FURTHER, FURTHER_ALONE, FURTHER_IN_MISFIT, KEPT, KEPT_OF_MUCH, LEAST_SWINGS, MUCH, NEARLY,
-    NOTICED_PER_SAMPLE, STRENGTH_DEVIATIONS,
+    AT_BOUND, BEYOND_DOUBT, FURTHER, FURTHER_ALONE, FURTHER_IN_MISFIT, KEPT, LEAST_SWINGS, NEARLY, NOTICED_PER_SAMPLE,
+    STRENGTH_DEVIATIONS,
 };
 use crate::diagnose::candidate_fit::CandidateFit;
 use crate::diagnose::candidates::Candidate;
@@ -129,13 +129,7 @@ fn obeys_the_rules(
     }
     let effect = trial.candidate.effect;
     let threshold = detection_threshold(context, trial.candidate.keys.len());
-    let beside = gain_beside_instants(
-        now,
-        &trial.hypothesis,
-        (trial.gain, threshold),
-        trial.candidate.only.as_deref(),
-        &context.floors,
-    );
+    let beside = gain_beside_instants(now, &trial.hypothesis, (trial.gain, threshold), trial.candidate.only.as_deref());
     said(&format!("   {effect} gains {:.0}, {beside:.0} beside instants that are known to a row", trial.gain));
     if beside <= threshold {
         return false;
@@ -159,8 +153,7 @@ fn obeys_the_rules(
     }
     let Some(kept) = kept() else { return true };
     said(&format!("   {effect} keeps {kept:.2} of its gain on recordings left out"));
-    let least = if trial.gain > MUCH * threshold { KEPT_OF_MUCH } else { KEPT };
-    if kept >= least || trial.candidate.only.is_some() {
+    if kept >= KEPT || trial.candidate.only.is_some() {
         return true;
     }
     // What few recordings say of one another, when one is left out, is less than what those say that no fit saw.
@@ -171,8 +164,8 @@ fn obeys_the_rules(
     })
 }
 
-/// True if the 95 % interval of the strength of effect `e` reaches nothing, with all that widens an interval: such a number is no
-/// explanation. `of`: with intervals. What is absent at infinity (a stiffness, a limit) is not asked: stiffness, damping and rotor
+/// True if the strength of effect `e` is not two deviations from nothing, as far as the residual tells: such a number is no
+/// explanation. What instants within a row make of it is asked apart ([`gain_beside_instants`]). `of`: with intervals. What is absent at infinity (a stiffness, a limit) is not asked: stiffness, damping and rotor
 /// inertia share a scale that the recordings may leave open (195 ± 124) where the effect itself is beyond doubt.
 #[must_use]
 pub fn strength_is_undetermined(of: &FittedModel, e: usize) -> bool {

@@ -70,14 +70,12 @@ pub const LEAST_SWINGS: f64 = 0.5;
 
 /// Part of its gain that an effect keeps on recordings left out. *Argued.*
 pub const KEPT: f64 = 0.25;
-/// The same for a gain of more than [`MUCH`] thresholds: while another effect is missing, the base bends to one recording. *Tuned:*
-/// an eccentric encoder beside a lag of it kept .21 of 150 thresholds.
-pub const KEPT_OF_MUCH: f64 = 0.15;
-/// See [`KEPT_OF_MUCH`].
-pub const MUCH: f64 = 30.0;
-
 /// Rows by which the instant of a reading may be off. *By definition:* it stands at the nearest row.
 pub const HALF_A_ROW: f64 = 0.5;
+
+/// How long a touchdown takes at most, s. *Stated:* soft contacts of simulators and rubber feet settle within it; what moves a robot
+/// for longer is no contact's finish.
+pub const TOUCHDOWN_S: f64 = 0.01;
 
 // Sets of effects that the data do not tell apart.
 
