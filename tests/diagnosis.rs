@@ -2,9 +2,9 @@
 #![expect(clippy::unwrap_used, clippy::print_stderr, reason = "a test")]
 
 use compass::diagnose::judge::verdict::Verdict;
-use compass::diagnose::own::OwnCase;
 use compass::diagnose::pipeline::{Answer, Options, diagnose};
 use compass::identify::experiment::{Experiment, Recording};
+use compass::identify::own::OwnCase;
 use compass::identify::rollout::{Fidelity, Pooled, Readings, Rollout, free_run};
 use compass::model::effect::EffectKind;
 use compass::model::rig::{Effect, Rig, Value};

@@ -3,9 +3,9 @@
 use super::{Outcome, Run, progress, warn};
 use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
-use crate::diagnose::own::OwnCase;
 use crate::diagnose::pipeline::{Answer, Options, diagnose};
 use crate::identify::experiment::Experiment;
+use crate::identify::own::OwnCase;
 use crate::report::page;
 use anyhow::Context;
 use std::fs;

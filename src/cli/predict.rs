@@ -1,8 +1,8 @@
 //! `compass predict MODEL.toml [RECORDING.csv]`: free runs of a model, as the diagnosis contract defines them. RT: no.
 
 use super::{Outcome, Run, UsageError, warn};
-use crate::diagnose::outliers::clean;
 use crate::identify::experiment::{Recording, load_rig};
+use crate::identify::outliers::clean;
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
 use crate::model::rig::{RecordingEntry, Rig, Setup, Use};
 use crate::report::plot::comparison;

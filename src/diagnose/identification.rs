@@ -2,17 +2,17 @@
 //!
 //! Nothing is added to the model. RT: no.
 
-use crate::diagnose::base::fitted;
-use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::explain::tables::{estimates, undetermined_combinations};
 use crate::diagnose::input_checks::{at_bounds, suspicions};
-use crate::diagnose::outliers::{cleaned, drop_spikes};
 use crate::diagnose::pipeline::{DiagnoseError, again, ready, runaway, warnings};
 use crate::diagnose::supposed::{Supposed, with_supposed};
-use crate::diagnose::tables::{estimates, undetermined_combinations};
-use crate::diagnose::validation::{Models, proof};
+use crate::identify::base_fit::fitted;
 use crate::identify::experiment::Experiment;
 use crate::identify::fit::Limits;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::outliers::{cleaned, drop_spikes};
 use crate::identify::theta::{Entry, Theta};
+use crate::identify::validation::{Models, proof};
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Bounds, Effect, Rig, Use, Value};
 use crate::report::findings::{Estimate, Figure};

@@ -3,11 +3,11 @@
 //!
 //! RT: no.
 
-use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::pooling_test::disagreement;
-use crate::diagnose::tables::estimates;
+use crate::diagnose::explain::tables::estimates;
+use crate::diagnose::nameless::pooling_test::disagreement;
 use crate::identify::experiment::Recording;
 use crate::identify::fit::FreeRuns;
+use crate::identify::fitted_model::FittedModel;
 use crate::identify::theta::Theta;
 use crate::model::rig::Rig;
 use crate::report::findings::{Estimate, Figure};

@@ -1,17 +1,18 @@
 //! L7: what physics is missing in a simulation, from recordings (diagnosis contract, schema 1).
 //!
 //! # The walk
-//! 1. [`pipeline`]: the base fit ([`base`]), outliers left out, the noise that it leaves ([`likelihood`]).
-//! 2. [`stepwise`]: forward selection. In a [`round`] every candidate of the library ([`candidates`], [`initial_guesses`]) is scored
-//!    by what one linear step promises ([`score_test`]); the best are fitted in full, jointly with all base parameters.
+//! 1. [`pipeline`]: the base fit ([`base_fit`]), outliers left out, the noise that it leaves ([`likelihood`]).
+//! 2. [`search`], [`stepwise`]: forward selection. In a [`round`] every candidate of the [`library`] ([`candidates`],
+//!    [`initial_guesses`]) is scored by what one linear step promises ([`screen`], [`score_test`]); the best are fitted in full,
+//!    jointly with all base parameters.
 //!    The first that is accepted, and stays off its bounds when it is fitted to the end, is added; then the next round. There
-//!    the [`mod@runners_up`] of the last one are fitted whatever they promise, and alone where there is no time for more.
-//! 3. [`pairwise_exchange`], [`mod@exchange`], [`mod@converge_rivals`]: neighbours of the selected model, each kept if better.
-//! 4. [`residual_force`]: does a force without a name ([`mod@force_patterns`]) say more ([`free_curve`], [`change_point`])? Are all recordings of one
+//!    the [`runners_up`] of the last one are fitted whatever they promise, and alone where there is no time for more.
+//! 3. [`pairwise_exchange`], [`exchange`], [`converge_rivals`]: neighbours of the selected model, each kept if better.
+//! 4. [`nameless`], [`residual_force`]: does a force without a name ([`force_patterns`]) say more ([`free_curve`], [`change_point`])? Are all recordings of one
 //!    machine ([`pooling_test`])?
-//! 5. [`interest`]: what is too small to matter, not told from nothing, explained by instants within their rows ([`instants`]), or
+//! 5. [`robustness`], [`interest`]: what is too small to matter, not told from nothing, explained by instants within their rows ([`instants`]), or
 //!    refuted where it was not fitted ([`held_out`]), is seen and not named.
-//! 6. [`validation`]: free runs on recordings that were never fitted; [`answer_sets`], [`localise`], [`laws`], [`sentence`],
+//! 6. [`validation`]: free runs on recordings that were never fitted; [`explain`]: [`answer_sets`], [`localise`], [`laws`], [`sentence`],
 //!    [`tables`], [`headline`]: the answer in numbers, curves and words.
 //!
 //! # The rules
@@ -52,55 +53,43 @@
 //! - *Leave one recording out*: base and candidate fitted to the others, compared on the one left out.
 //!
 //! RT: no.
+//!
+//! [`answer_sets`]: explain::answer_sets
+//! [`base_fit`]: crate::identify::base_fit
+//! [`candidates`]: library::candidates
+//! [`change_point`]: nameless::change_point
+//! [`converge_rivals`]: search::converge_rivals
+//! [`exchange`]: search::exchange
+//! [`force_patterns`]: nameless::force_patterns
+//! [`free_curve`]: nameless::free_curve
+//! [`headline`]: explain::headline
+//! [`held_out`]: robustness::held_out
+//! [`initial_guesses`]: library::initial_guesses
+//! [`instants`]: robustness::instants
+//! [`interest`]: explain::interest
+//! [`laws`]: explain::laws
+//! [`likelihood`]: crate::identify::likelihood
+//! [`localise`]: explain::localise
+//! [`pairwise_exchange`]: search::pairwise_exchange
+//! [`pooling_test`]: nameless::pooling_test
+//! [`residual_force`]: nameless::residual_force
+//! [`round`]: search::round
+//! [`runners_up`]: search::runners_up
+//! [`score_test`]: screen::score_test
+//! [`sentence`]: explain::sentence
+//! [`stepwise`]: search::stepwise
+//! [`tables`]: explain::tables
+//! [`touchdowns`]: robustness::touchdowns
+//! [`validation`]: crate::identify::validation
 
-pub mod answer_sets;
-pub mod base;
-pub mod basin_hopping;
-mod budget;
-pub mod candidate_fit;
-pub mod candidates;
-pub mod change_point;
-pub mod converge_rivals;
-pub mod cross_validation;
-pub mod exchange;
-pub mod fitted_model;
-mod force_patterns;
-pub mod free_curve;
-pub mod headline;
-pub mod held_out;
-mod holds_elsewhere;
+pub mod explain;
 pub mod identification;
-pub mod initial_guesses;
-pub mod initial_states;
 pub mod input_checks;
-pub mod instants;
-pub mod interest;
 pub mod judge;
-pub mod laws;
-pub mod likelihood;
-pub mod linearise;
-pub mod localise;
-pub mod ltv;
-pub mod modes;
-pub mod narrow;
-pub mod outliers;
-pub mod own;
-pub mod pairwise_exchange;
+pub mod library;
+pub mod nameless;
 pub mod pipeline;
-pub mod pooling_test;
-pub mod residual_force;
-pub mod ridge_restarts;
-pub mod round;
-pub mod runners_up;
-pub mod scales;
-pub mod scan;
-pub mod score_test;
-pub mod sentence;
-pub mod spectral_peaks;
-pub mod state_continuity;
-pub mod stepwise;
-pub mod subsample;
+pub mod robustness;
+pub mod screen;
+pub mod search;
 pub mod supposed;
-pub mod tables;
-mod touchdowns;
-pub mod validation;

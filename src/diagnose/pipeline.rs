@@ -2,18 +2,14 @@
 //!
 //! RT: no.
 
-use crate::diagnose::answer_sets::{answer_sets, rejected};
-use crate::diagnose::base::{as_given, fit_recordings, fitted, floors};
-use crate::diagnose::basin_hopping::escape_local_minimum;
-use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect};
-use crate::diagnose::converge_rivals::converge_rivals;
-use crate::diagnose::exchange::exchange_and_eliminate;
-use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::headline::{costs, headline};
-use crate::diagnose::held_out::HeldOut;
-use crate::diagnose::initial_guesses::candidates;
+use crate::diagnose::explain::answer_sets::{answer_sets, rejected};
+use crate::diagnose::explain::headline::{costs, headline};
+use crate::diagnose::explain::interest::{Kept, split_by_interest, undetermined};
+use crate::diagnose::explain::laws;
+use crate::diagnose::explain::localise::places;
+use crate::diagnose::explain::sentence;
+use crate::diagnose::explain::tables::{estimates, parameter_lines, ranking, undetermined_combinations};
 use crate::diagnose::input_checks::{at_bounds, contradicted, suspicions};
-use crate::diagnose::interest::{Kept, split_by_interest, undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, explained_part};
 use crate::diagnose::judge::evidence::{Comparison, Ledger};
 use crate::diagnose::judge::numbers::{LEAST_SHARE, LONGEST_MEMORY};
@@ -21,29 +17,33 @@ use crate::diagnose::judge::verdict::{
     Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, is_far_beyond_chance, may_have_missed, refit_is_needed,
     verdict_of,
 };
-use crate::diagnose::laws;
-use crate::diagnose::likelihood::{is_misfit, memory, samples, squares, white};
-use crate::diagnose::linearise::ltv_windows;
-use crate::diagnose::localise::places;
-use crate::diagnose::outliers::{cleaned, drop_spikes};
-use crate::diagnose::pairwise_exchange::exchange_pairs;
-use crate::diagnose::pooling_test::{no_common_machine, unfollowed};
-use crate::diagnose::residual_force::{Unlisted, unexplained};
-use crate::diagnose::ridge_restarts::restart_along_ridges;
-use crate::diagnose::scales::scales;
-use crate::diagnose::score_test::ScoreTest;
-use crate::diagnose::sentence;
-use crate::diagnose::stepwise::{Selection, forward};
-use crate::diagnose::tables::{estimates, parameter_lines, ranking, undetermined_combinations};
-use crate::diagnose::validation::{Models, proof};
+use crate::diagnose::library::initial_guesses::candidates;
+use crate::diagnose::nameless::pooling_test::{no_common_machine, unfollowed};
+use crate::diagnose::nameless::residual_force::{Unlisted, unexplained};
+use crate::diagnose::robustness::held_out::HeldOut;
+use crate::diagnose::screen::linearise::ltv_windows;
+use crate::diagnose::screen::scales::scales;
+use crate::diagnose::screen::score_test::ScoreTest;
+use crate::diagnose::search::basin_hopping::escape_local_minimum;
+use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::search::converge_rivals::converge_rivals;
+use crate::diagnose::search::exchange::exchange_and_eliminate;
+use crate::diagnose::search::pairwise_exchange::exchange_pairs;
+use crate::diagnose::search::ridge_restarts::restart_along_ridges;
+use crate::diagnose::search::stepwise::{Selection, forward};
+use crate::identify::base_fit::{as_given, fit_recordings, fitted, floors};
 use crate::identify::computed::computed_inputs;
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
+use crate::identify::fitted_model::FittedModel;
 use crate::identify::floor::complaints;
+use crate::identify::likelihood::{is_misfit, memory, samples, squares, white};
 use crate::identify::noise::Colour;
+use crate::identify::outliers::{cleaned, drop_spikes};
 use crate::identify::problem::Problem;
 use crate::identify::rollout::{Pooled, RolloutError, free_run};
 use crate::identify::units::wrong_units;
+use crate::identify::validation::{Models, proof};
 use crate::model::rig::{Rig, Use};
 use std::sync::Arc;
 use std::time::Instant;

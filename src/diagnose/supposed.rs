@@ -2,15 +2,15 @@
 //!
 //! RT: no.
 
-use crate::diagnose::candidate_fit::with_effect;
-use crate::diagnose::candidates::Candidate;
-use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::initial_guesses::candidates;
-use crate::diagnose::likelihood::white;
-use crate::diagnose::linearise::ltv_windows;
-use crate::diagnose::scales::scales;
-use crate::diagnose::score_test::ScoreTest;
+use crate::diagnose::library::candidates::Candidate;
+use crate::diagnose::library::initial_guesses::candidates;
+use crate::diagnose::screen::linearise::ltv_windows;
+use crate::diagnose::screen::scales::scales;
+use crate::diagnose::screen::score_test::ScoreTest;
+use crate::diagnose::search::candidate_fit::with_effect;
 use crate::identify::fit::Limits;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::white;
 use crate::identify::rollout::Pooled;
 use crate::model::effect::EffectKind;
 use rayon::prelude::*;

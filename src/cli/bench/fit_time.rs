@@ -4,7 +4,7 @@
 //! error over the channel's pooled deviation: what the other contenders minimise too.
 
 use crate::cli::Outcome;
-use crate::diagnose::base::fit_recordings;
+use crate::identify::base_fit::fit_recordings;
 use crate::identify::experiment::Experiment;
 use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit};
 use crate::identify::noise::Colour;

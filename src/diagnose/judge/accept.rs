@@ -10,14 +10,14 @@ use super::numbers::{
     AT_BOUND, BEYOND_DOUBT, FURTHER, FURTHER_ALONE, FURTHER_IN_MISFIT, KEPT, LEAST_SWINGS, NEARLY, NOTICED_PER_SAMPLE,
     STRENGTH_DEVIATIONS,
 };
-use crate::diagnose::candidate_fit::CandidateFit;
-use crate::diagnose::candidates::Candidate;
-use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::held_out::Confirmation;
-use crate::diagnose::instants::gain_beside_instants;
-use crate::diagnose::likelihood::{Difference, is_misfit};
-use crate::diagnose::state_continuity::is_externally_driven;
-use crate::diagnose::tables::estimates;
+use crate::diagnose::explain::tables::estimates;
+use crate::diagnose::library::candidates::Candidate;
+use crate::diagnose::robustness::held_out::Confirmation;
+use crate::diagnose::robustness::instants::gain_beside_instants;
+use crate::diagnose::robustness::state_continuity::is_externally_driven;
+use crate::diagnose::search::candidate_fit::CandidateFit;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::{Difference, is_misfit};
 use crate::model::effect::{EffectKind, Key, Role};
 use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Effect, Rig, Scope, Slot, Value};

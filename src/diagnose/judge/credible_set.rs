@@ -7,10 +7,10 @@ use super::criterion::{Context, compare};
 use super::evidence::{Comparison, Evidence};
 use super::numbers::{APART, FORM, FORM_AT_MOST, FORM_IN_MISFIT, LEAST_WEIGHT, MEMBER_GAIN, OCCAM_WINDOW, ONE_NUMBER};
 use super::simplicity::LIMITS_OF;
-use crate::diagnose::candidate_fit::CandidateFit;
-use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::held_out::Confirmation;
-use crate::diagnose::likelihood::{Difference, is_misfit};
+use crate::diagnose::robustness::held_out::Confirmation;
+use crate::diagnose::search::candidate_fit::CandidateFit;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::{Difference, is_misfit};
 use crate::model::rig::Effect;
 
 /// Weight of `trial` against 1 of the winner, if the data do not tell it from the effect at `place` of the winner, which gained

@@ -4,9 +4,9 @@
 
 use super::evidence::Ledger;
 use super::numbers::{LEAST_GAIN, LEAST_GAIN_PER_SAMPLE, LEAST_PROMISE};
-use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::held_out::HeldOut;
-use crate::diagnose::likelihood::{Difference, difference};
+use crate::diagnose::robustness::held_out::HeldOut;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::{Difference, difference};
 use std::sync::Arc;
 
 /// What every comparison needs to know of the case.

@@ -14,7 +14,7 @@
 //! RT: no.
 
 use super::numbers::{FORM_SAMPLES, TERM_ODDS};
-use crate::diagnose::fitted_model::FittedModel;
+use crate::identify::fitted_model::FittedModel;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 use std::sync::{Arc, Mutex};

@@ -7,10 +7,10 @@ use super::criterion::{Context, compare, detection_threshold};
 use super::evidence::{Comparison, Evidence};
 use super::numbers::{CLEAR_LEAD, NOT_ITS_OWN, SIMPLER};
 use super::simplicity::LIMITS_OF;
-use crate::diagnose::candidate_fit::{CandidateFit, SelectedEffect};
-use crate::diagnose::candidates::Candidate;
-use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::likelihood::Difference;
+use crate::diagnose::library::candidates::Candidate;
+use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::Difference;
 
 /// True if `rival` should stand in the place of `added`, whose gain is `kept`.
 #[must_use]

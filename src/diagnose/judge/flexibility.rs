@@ -4,10 +4,10 @@
 
 use super::criterion::Context;
 use super::numbers::{PERIODS, PERIODS_IN_MISFIT, UNRESOLVED};
-use crate::diagnose::candidate_fit::CandidateFit;
-use crate::diagnose::candidates::Candidate;
-use crate::diagnose::fitted_model::FittedModel;
-use crate::diagnose::likelihood::is_misfit;
+use crate::diagnose::library::candidates::Candidate;
+use crate::diagnose::search::candidate_fit::CandidateFit;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::is_misfit;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{MechanismKind, Rig, Sensor};
 

@@ -7,7 +7,7 @@ use super::numbers::{
     AHEAD, AHEAD_OF_LISTED, AHEAD_OF_LISTED_BY, CHANCE_PER_NUMBER, FREE_FORCE, FREE_FORCE_PER_SAMPLE, HINT, ON_TOP,
     REMOVED, RIPPLES_PER_NUMBER, STRUCTURE_LEFT,
 };
-use crate::diagnose::fitted_model::FittedModel;
+use crate::identify::fitted_model::FittedModel;
 
 /// What the residual forces of base and found model say beside each other.
 #[derive(Clone, Copy, Debug)]

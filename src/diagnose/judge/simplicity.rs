@@ -4,8 +4,8 @@
 
 use super::criterion::{Context, detection_threshold};
 use super::numbers::SIMPLER;
-use crate::diagnose::candidate_fit::CandidateFit;
-use crate::diagnose::likelihood::is_misfit;
+use crate::diagnose::search::candidate_fit::CandidateFit;
+use crate::identify::likelihood::is_misfit;
 
 /// An effect that is the limit of another: the other, with one number more, must gain clearly more to be is_accepted.
 pub const LIMITS_OF: &[(&str, &str)] = &[

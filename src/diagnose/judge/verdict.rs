@@ -9,7 +9,7 @@ pub use crate::report::findings::{
 
 use super::criterion::{Context, detection_threshold};
 use super::numbers::{FAR_BEYOND_CHANCE, KEPT, NEARLY_ALL, REMOVED};
-use crate::diagnose::likelihood::Difference;
+use crate::identify::likelihood::Difference;
 
 /// True if the numbers of the rig as given had to be fitted again; `gain`: of the re-fit with so many numbers.
 #[must_use]

@@ -1,9 +1,9 @@
 //! For tests of the judge: a fitted candidate of which only what is asked matters.
 #![cfg(test)]
 
-use crate::diagnose::candidate_fit::CandidateFit;
-use crate::diagnose::candidates::{Candidate, Key};
-use crate::diagnose::fitted_model::FittedModel;
+use crate::diagnose::library::candidates::{Candidate, Key};
+use crate::diagnose::search::candidate_fit::CandidateFit;
+use crate::identify::fitted_model::FittedModel;
 use crate::identify::problem::Problem;
 use crate::model::rig::Side;
 

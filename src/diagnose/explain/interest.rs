@@ -1,0 +1,297 @@
+//! What was found and is no explanation: effects too small to matter, effects that recordings kept back refute, and numbers
+//! that the data do not tell from nothing.
+//!
+//! All are told as seen, not as missing. This comes after everything is decided and fits again only what stays.
+//! RT: no.
+
+use crate::diagnose::explain::answer_sets::member;
+use crate::diagnose::explain::sentence;
+use crate::diagnose::judge::accept::{is_admissible, strength_is_undetermined};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
+use crate::diagnose::judge::flexibility::is_overly_flexible;
+use crate::diagnose::judge::numbers::MEMBER_GAIN;
+use crate::diagnose::judge::verdict::{Member, Seen, is_material};
+use crate::diagnose::nameless::residual_force::Unlisted;
+use crate::diagnose::robustness::held_out::Confirmation;
+use crate::diagnose::robustness::instants::gain_beside_instants;
+use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
+use crate::identify::fit::Limits;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::white;
+use std::collections::BTreeMap;
+
+/// A force without a name, if it matters; else as what was only seen.
+#[must_use]
+pub fn split_by_interest(rest: Option<Unlisted>, least: f64) -> (Option<Unlisted>, Option<Seen>) {
+    match rest {
+        Some(Unlisted { share: Some(share), entry, .. }) if !is_material(share, least) => {
+            let member = entry.one_of.into_iter().next();
+            let at = member.map_or_else(String::new, |m| m.at);
+            let sentence = sentence::seen(&format!("a force at {at} that no effect explains"), share, TOO_SMALL);
+            (None, Some(Seen { effect: "unlisted".into(), at, share, parameters: BTreeMap::new(), sentence }))
+        }
+        rest => (rest, None),
+    }
+}
+
+/// Where nothing is named and what was taken out for its undetermined strength removes a good part of the misfit: something is there.
+#[must_use]
+pub fn undetermined(added: &[SelectedEffect], seen: &[Seen], least: f64) -> Option<Unlisted> {
+    let most = seen.iter().filter(|_| added.is_empty()).max_by(|a, b| a.share.total_cmp(&b.share))?;
+    is_material(most.share, least).then(|| Unlisted::at(&most.at, sentence::undetermined(&most.at, most.share)))
+}
+
+/// Why an effect that was found is not named.
+const TOO_SMALL: &str = "too small to matter";
+const UNDETERMINED: &str = "its 95 % interval reaches nothing";
+const REFUTED: &str = "recordings that were not fitted speak against it";
+const CHANCE: &str = "beside the others it gains no more than chance";
+const LATE: &str = "commands and readings are known to a row, touchdowns to some milliseconds, and that explains it";
+
+/// As [`refit_without`] does it.
+const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
+
+/// An effect that is none.
+struct Refuted {
+    /// Which.
+    effect: usize,
+    /// What it gains where it was asked.
+    gained: f64,
+    /// The best model without it.
+    without: FittedModel,
+    why: &'static str,
+}
+
+/// What stays of a search, and what was only seen.
+#[derive(Clone, Debug)]
+pub struct Kept {
+    /// With what stays.
+    pub found: FittedModel,
+    /// What stays.
+    pub added: Vec<SelectedEffect>,
+    /// What does not, in the order in which it was taken out.
+    pub seen: Vec<Seen>,
+}
+
+impl Kept {
+    /// Everything that was added.
+    #[must_use]
+    pub fn all(found: FittedModel, added: Vec<SelectedEffect>) -> Self {
+        Self { found, added, seen: Vec::new() }
+    }
+
+    /// Takes out, one by one, the effects whose strength is not told from nothing. Of two that share what they explain the first
+    /// goes, and the other is asked again alone.
+    #[must_use]
+    pub fn without_undetermined(mut self, base: &FittedModel, context: &Context) -> Self {
+        let undetermined = |of: &Self| {
+            let known = of.found.clone().with_intervals();
+            (0..of.added.len()).rev().find(|i| strength_is_undetermined(&known, context.given + i))
+        };
+        while let Some(i) = undetermined(&self) {
+            if self.replace_by_determined(i, context) {
+                continue;
+            }
+            let Some(without) = self.without(i, base, context) else { break };
+            self.take_out(i, without, UNDETERMINED, context);
+        }
+        self
+    }
+
+    /// Takes out, the worst first, the effects that instants within their rows explain as well, and those that recordings kept
+    /// back refute: what explains only what it was fitted to is no explanation. An event lives in one recording; that one is
+    /// asked, cut at other instants.
+    #[must_use]
+    pub fn without_refuted(mut self, base: &FittedModel, context: &Context) -> Self {
+        while let Some(Refuted { effect, without, why, .. }) = self.worst_refuted(base, context) {
+            self.take_out(effect, without, why, context);
+        }
+        self
+    }
+
+    fn worst_refuted(&self, base: &FittedModel, context: &Context) -> Option<Refuted> {
+        let one = |effect: usize| {
+            let (candidate, without) = (&self.added[effect].candidate, self.without(effect, base, context)?);
+            let numbers = candidate.keys.len();
+            let gain = compare(&self.found, &without, context).total;
+            let told = Confirmation::of_candidate(candidate, &self.found, &without, context);
+            if let Some(told) = told.filter(|told| told.refutes(numbers, context)) {
+                return Some(Refuted { effect, gained: told.gained, without, why: REFUTED });
+            }
+            let least = detection_threshold(context, numbers);
+            let only = candidate.only.as_deref();
+            let beside = gain_beside_instants(&without, &self.found, (gain, least), only);
+            let why = if gain > least { LATE } else { CHANCE };
+            (beside <= least).then_some(Refuted { effect, gained: beside, without, why })
+        };
+        (0..self.added.len()).filter_map(one).min_by(|a, b| a.gained.total_cmp(&b.gained))
+    }
+
+    /// Takes out, the least first, the effects that remove less than `least` of the misfit that is there without them.
+    #[must_use]
+    pub fn of_interest(mut self, least: f64, base: &FittedModel, context: &Context) -> Self {
+        loop {
+            let part = |i: usize| {
+                let without = self.without(i, base, context)?;
+                Some((i, explained_part(&without, &self.found, context), without))
+            };
+            let parts = (0..self.added.len()).filter_map(part);
+            let small = parts.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, part, _)| !is_material(*part, least));
+            let Some((i, _, without)) = small else { return self };
+            self.take_out(i, without, TOO_SMALL, context);
+        }
+    }
+
+    /// Puts a rival of effect `i` in its place that gains nearly as much and is determined, if there is one.
+    fn replace_by_determined(&mut self, i: usize, context: &Context) -> bool {
+        let (e, gain) = (context.given + i, self.added[i].gain);
+        let stands = |t: &CandidateFit| {
+            let comparable = t.hypothesis.rig.effects.len() == self.found.rig.effects.len();
+            comparable
+                && t.gain > MEMBER_GAIN * gain
+                && is_admissible(&t.hypothesis, e, context)
+                && !is_overly_flexible(&self.found, t, context)
+                && !strength_is_undetermined(&t.hypothesis.clone().with_intervals(), e)
+        };
+        let Some(k) = self.added[i].others.iter().position(stands) else { return false };
+        let added = &mut self.added[i];
+        let CandidateFit { candidate, hypothesis, gain } = added.others.remove(k);
+        let candidate = std::mem::replace(&mut added.candidate, candidate);
+        added.gain = gain;
+        self.found = hypothesis;
+        // The undetermined one is no member of the set either: it goes for good.
+        added.others.retain(|t| !t.candidate.is_same_as(&candidate));
+        true
+    }
+
+    /// The best model without effect `i`: from where the others stand, and from the base's numbers, as they may have bent to it.
+    fn without(&self, i: usize, base: &FittedModel, context: &Context) -> Option<FittedModel> {
+        if self.added.len() == 1 {
+            return Some(base.clone());
+        }
+        let beside = refit_without(&self.found, context.given + i, context);
+        let from_base = self.refit_from_base(i, base, context);
+        let total = |h: &FittedModel| -> f64 { h.blocks(&self.found.noise).iter().sum() };
+        beside.into_iter().chain(from_base).max_by(|a, b| total(a).total_cmp(&total(b)))
+    }
+
+    fn refit_from_base(&self, i: usize, base: &FittedModel, context: &Context) -> Option<FittedModel> {
+        let mut rig = base.rig.clone();
+        rig.sensors.clone_from(&self.found.rig.sensors);
+        rig.effects.extend_from_slice(&self.found.rig.effects[context.given..]);
+        rig.effects.remove(context.given + i);
+        let (problem, start) = base.extended(rig);
+        let noise = white(&base.residuals, &context.floors);
+        let first = FittedModel::fitted(problem, start, &noise, &context.floors, REFIT)?;
+        first.polished(&self.found.noise, &context.floors, REFIT)
+    }
+
+    fn take_out(&mut self, i: usize, without: FittedModel, why: &str, context: &Context) {
+        let Member { effect, at, parameters, .. } = member(&self.found.clone().with_intervals(), context.given + i);
+        let share = explained_part(&without, &self.found, context);
+        self.seen.push(Seen {
+            sentence: sentence::seen(&self.describe(i, context), share, why),
+            effect,
+            at,
+            share,
+            parameters,
+        });
+        self.added.remove(i);
+        self.found = without;
+    }
+
+    fn describe(&self, i: usize, context: &Context) -> String {
+        sentence::describe(&member(&self.found.clone().with_intervals(), context.given + i))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::robustness::held_out::HeldOut;
+    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::identify::experiment::{Experiment, Recording};
+    use crate::model::rig::Use;
+    use std::sync::Arc;
+
+    const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
+    const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = ";
+    const OFFSET: &str = "[[effect]]\neffect = \"torque_offset\"\nat = \"q1\"\ntorque = ";
+
+    fn free(effect: &str, value: f64, most: f64) -> String {
+        let min = if effect == OFFSET { -most } else { 0.0 };
+        format!("{effect}{{ value = {value}, min = {min}, max = {most} }}\n")
+    }
+
+    #[test]
+    fn an_effect_that_removes_less_than_asked_is_seen_and_not_named() {
+        let Shown { context, problem } = shown(&format!("{DRAG}0.0004\n"));
+        let (base, found) = (problem.fitted("", 20, &context), problem.fitted(&free(DRAG, 0.001, 0.1), 20, &context));
+        let share = explained_part(&base, &found, &context);
+        assert!((0.02..0.98).contains(&share), "{share}");
+        let of_interest = |least: f64| {
+            let added = problem.added("quadratic_drag", "q1", 100.0, Vec::new());
+            Kept::all(found.clone(), vec![added]).of_interest(least, &base, &context)
+        };
+        let named = of_interest(share - 0.01);
+        assert!(named.added.len() == 1 && named.seen.is_empty() && named.found.rig == found.rig);
+        let small = of_interest(share + 0.01);
+        assert!(small.added.is_empty() && small.found.rig == base.rig);
+        let [seen] = &small.seen[..] else { panic!("{:?}", small.seen) };
+        assert!((seen.share - share).abs() < 1e-12 && seen.effect == "quadratic_drag");
+        assert!(seen.sentence.contains("too small to matter: drag at q1"), "{}", seen.sentence);
+    }
+
+    /// A lag of 20 ms, for which an offset of nothing was taken.
+    fn without_undetermined(rivals: bool) -> Kept {
+        let Shown { context, problem } = shown(&format!("{LAG}0.02\n"));
+        let (base, found) = (problem.fitted("", 20, &context), problem.fitted(&free(OFFSET, 0.001, 1.0), 20, &context));
+        let lag = problem.trial("actuator_lag", "u", &free(LAG, 0.002, 0.2), 25, 900.0, &context);
+        let others = if rivals { vec![lag] } else { Vec::new() };
+        let added = problem.added("torque_offset", "q1", 1000.0, others);
+        Kept::all(found, vec![added]).without_undetermined(&base, &context)
+    }
+
+    #[test]
+    fn a_strength_that_reaches_nothing_is_no_explanation() {
+        let kept = without_undetermined(false);
+        assert!(kept.added.is_empty());
+        assert!(kept.seen[0].sentence.contains("interval reaches nothing"), "{:?}", kept.seen);
+    }
+
+    #[test]
+    fn a_rival_that_is_determined_takes_its_place() {
+        let kept = without_undetermined(true);
+        assert_eq!((kept.added[0].candidate.effect, kept.seen.len()), ("actuator_lag", 0));
+    }
+
+    /// A pendulum with `hidden` drag, for which `DRAG` of .004 was taken; the same samples as a recording that was kept back.
+    fn asked_elsewhere(hidden: &str) -> Kept {
+        let Shown { context, problem } = shown(hidden);
+        let base = problem.fitted("", 20, &context);
+        let found = problem.fitted(&format!("{DRAG}0.004\n"), 20, &context);
+        let kept_back = Recording { usage: Use::Heldout, ..found.problem.recordings[0].clone() };
+        let experiment = Experiment { rig: base.rig.clone(), recordings: vec![kept_back] };
+        let added = problem.added("quadratic_drag", "q1", 1000.0, Vec::new());
+        let held_out = HeldOut::of(&experiment, &found.rig).map(Arc::new);
+        Kept::all(found, vec![added]).without_refuted(&base, &Context { held_out, ..context })
+    }
+
+    #[test]
+    fn an_effect_that_spoils_what_was_not_fitted_is_not_named_and_one_that_holds_there_is() {
+        let refuted = asked_elsewhere("");
+        assert!(refuted.added.is_empty());
+        assert!(refuted.seen[0].sentence.contains("speak against it"), "{:?}", refuted.seen);
+        assert_eq!(asked_elsewhere(&format!("{DRAG}0.004\n")).added.len(), 1);
+    }
+
+    #[test]
+    fn a_nameless_force_is_small_too() {
+        let mut force = Unlisted::at("q1", "something".into());
+        assert!(split_by_interest(Some(force.clone()), 0.12).0.is_some(), "of unknown share");
+        force.share = Some(0.05);
+        let (rest, seen) = split_by_interest(Some(force.clone()), 0.12);
+        assert!(rest.is_none() && seen.is_some_and(|s| s.effect == "unlisted" && s.at == "q1"));
+        assert!(split_by_interest(Some(force), 0.04).0.is_some());
+    }
+}

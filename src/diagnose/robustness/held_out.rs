@@ -1,0 +1,291 @@
+//! Recordings that no fit saw, asked whether what was found holds there.
+//!
+//! An effect that only bends to the recordings it was fitted to costs elsewhere: a limit of a drive on top of the friction that
+//! is the truth, a bristle on top of a leg's Coulomb friction. Nothing is fitted here but how each window begins.
+//!
+//! What happens at one instant of one recording is in no other. It is asked in its own, cut at other instants: in the middle of
+//! each window a new one begins, so that what the state at a window's start had taken over is no longer where it was.
+//! RT: no.
+
+use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::verdict::{is_borne_out, is_kept, is_refuted, is_removed_where_it_acts};
+use crate::diagnose::library::candidates::Candidate;
+use crate::diagnose::screen::score_test::{Column, ScoreTest};
+use crate::identify::experiment::{Experiment, Recording};
+use crate::identify::fit::Point;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::{Residuals, white};
+use crate::identify::noise::Colour;
+use crate::identify::outliers::clean;
+use crate::identify::problem::Problem;
+use crate::identify::rollout::{FreeRun, Pooled, free_run};
+use crate::model::rig::{Rig, Use};
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// The recordings that were kept back.
+#[derive(Clone, Debug)]
+pub struct HeldOut {
+    recordings: Vec<Recording>,
+    pooled: Pooled,
+}
+
+impl HeldOut {
+    /// Those of `experiment`, without the samples that `rig` shows to be transmission errors. `None` if none was kept back.
+    #[must_use]
+    pub fn of(experiment: &Experiment, rig: &Rig) -> Option<Self> {
+        let recordings: Vec<Recording> = experiment.of_use(Use::Heldout).cloned().collect();
+        if recordings.is_empty() {
+            return None;
+        }
+        let pooled = Pooled::of(rig, recordings.iter());
+        Some(Self { recordings: clean(rig, recordings).0, pooled })
+    }
+
+    /// What the free runs of `rig` leave, window by window. `None` if it runs away on one of the recordings.
+    #[must_use]
+    pub fn residuals(&self, rig: &Rig) -> Option<Residuals> {
+        let run = |recording: &Recording| free_run(rig, recording, &self.pooled).ok();
+        let runs: Vec<FreeRun> = self.recordings.par_iter().map(run).collect::<Option<_>>()?;
+        let channel = |c: usize| -> Vec<Vec<f64>> {
+            let of = |(recording, run): (&Recording, &FreeRun)| {
+                let error = |k: usize| run.predicted[c][k] - recording.measured[c][k];
+                let window = |rows: std::ops::Range<usize>| rows.map(error).filter(|x| x.is_finite()).collect();
+                recording.windows().into_iter().map(window).collect::<Vec<Vec<f64>>>()
+            };
+            self.recordings.iter().zip(&runs).flat_map(of).collect()
+        };
+        Some((0..rig.sensors.len()).map(channel).collect())
+    }
+
+    /// `of` on these recordings, its numbers as they are. `None` if it runs away on one of them.
+    #[must_use]
+    pub fn predicted_by(&self, of: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
+        let problem = Problem::new(of.rig.clone(), self.recordings.clone());
+        started(problem, of, floors)
+    }
+}
+
+/// `of` on the recordings that `wanted` keeps, its numbers as they are, its windows cut in the middle of those that were fitted
+/// and where the machine was set anew. `None` if a run leaves the finite numbers.
+#[must_use]
+pub fn cut_elsewhere(of: &FittedModel, wanted: impl Fn(&Recording) -> bool, floors: &[f64]) -> Option<FittedModel> {
+    let mut problem = of.problem.clone();
+    (problem.windows, problem.spans) = (Vec::new(), Vec::new());
+    for (r, recording) in of.problem.recordings.iter().enumerate().filter(|(_, recording)| wanted(recording)) {
+        let mine = of.problem.windows.iter().zip(&of.problem.spans).filter(|((own, _), _)| *own == r);
+        let rows: Vec<&Range<usize>> = mine.map(|(_, rows)| rows).collect();
+        let (Some(first), Some(last)) = (rows.first(), rows.last()) else { continue };
+        let middles = rows.iter().map(|rows| usize::midpoint(rows.start, rows.end));
+        let breaks = (first.start + 1..last.end).filter(|row| recording.is_fresh(*row));
+        let mut cuts: Vec<usize> = [first.start, last.end].into_iter().chain(middles).chain(breaks).collect();
+        cuts.sort_unstable();
+        for (w, cut) in cuts.windows(2).enumerate().filter(|(_, cut)| cut[0] < cut[1]) {
+            problem.windows.push((r, w));
+            problem.spans.push(cut[0]..cut[1]);
+        }
+    }
+    started(problem, of, floors)
+}
+
+/// `of` in the windows of `problem`, each from the state that suits it best.
+fn started(problem: Problem, of: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
+    let noise = white(&of.residuals, floors);
+    let at = Point { parameters: of.point.parameters.clone(), states: Vec::new() };
+    let sought = |w: usize| problem.sought(w, &at, &noise);
+    let states = (0..problem.windows.len()).into_par_iter().map(sought).collect::<Option<_>>()?;
+    FittedModel::at(problem, Point { states, ..at }, DMatrix::zeros(0, 0), floors)
+}
+
+/// What an effect does to predictions, in squares of the noise that the better of two models leaves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Confirmation {
+    /// Squares of the change that it makes: by so much the error falls where the change is the truth, and rises where there is
+    /// nothing of the kind.
+    pub promised: f64,
+    /// By how much the error falls.
+    pub gained: f64,
+    /// Of an event: what it leaves of the squares above noise where it acts, as a part of what is there without it. Nothing
+    /// for what lasts.
+    pub left: f64,
+}
+
+impl std::fmt::Display for Confirmation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "promises {:.0}, gains {:.0}, leaves {:.2}", self.promised, self.gained, self.left)
+    }
+}
+
+impl Confirmation {
+    /// Of `candidate`, which `with` has and `without` has not: by the recordings that were kept back, or, if it is an event, by
+    /// its own, cut at other instants. `None` if there are none, or one of the two runs away there.
+    #[must_use]
+    pub fn of_candidate(
+        candidate: &Candidate,
+        with: &FittedModel,
+        without: &FittedModel,
+        context: &Context,
+    ) -> Option<Self> {
+        let Some(only) = &candidate.only else { return Self::on_kept_back(with, without, context) };
+        let own = |of: &FittedModel| Some(cut_elsewhere(of, |r| r.name == *only, &context.floors)?.residuals);
+        let (happened, not) = (own(with)?, own(without)?);
+        let noise = quiet_noise(with, |r| r.name == *only, context);
+        Some(Self::of_event(&happened, &not, &noise, context))
+    }
+
+    /// Of what `with` has and `without` has not, by the recordings that were kept back. `None` if there are none, or one of the two
+    /// runs away there.
+    #[must_use]
+    pub fn on_kept_back(with: &FittedModel, without: &FittedModel, context: &Context) -> Option<Self> {
+        let residuals = |of: &FittedModel| context.held_out.as_ref()?.residuals(&of.rig);
+        Some(Self::of(&residuals(with)?, &residuals(without)?, &context.floors))
+    }
+
+    /// Of an event, in the recording in which it happened. `noise`: where nothing happens.
+    #[must_use]
+    pub fn of_event(with: &Residuals, without: &Residuals, noise: &[Colour], context: &Context) -> Self {
+        let left = part(above(with, noise), above(without, noise));
+        Self { left, ..Self::of(with, without, &context.floors) }
+    }
+
+    /// True if it speaks for the one model against another of as many numbers.
+    #[must_use]
+    pub fn bears_out(&self, context: &Context) -> bool {
+        is_borne_out(self.promised, self.gained, context)
+    }
+
+    /// True if it speaks for a force that has no other claim than that it is seen.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        is_kept(self.promised, self.gained) && is_removed_where_it_acts(self.left)
+    }
+
+    /// True if it speaks against an effect of so many numbers.
+    #[must_use]
+    pub fn refutes(&self, numbers: usize, context: &Context) -> bool {
+        is_refuted(self.promised, self.gained, numbers, context) || !is_removed_where_it_acts(self.left)
+    }
+
+    /// Of the effect that the one model has and the other has not.
+    #[must_use]
+    pub fn of(with: &Residuals, without: &Residuals, floors: &[f64]) -> Self {
+        let mut out = Self { promised: 0.0, gained: 0.0, left: 0.0 };
+        let noises = white(with, floors).into_iter().zip(white(without, floors));
+        for ((with, without), (a, b)) in with.iter().zip(without).zip(noises) {
+            let sigma = a.sigma.min(b.sigma);
+            if !(sigma > 0.0 && sigma.is_finite()) {
+                continue;
+            }
+            for (x, y) in with.iter().flatten().zip(without.iter().flatten()) {
+                out.promised += ((x - y) / sigma).powi(2);
+                out.gained += (y * y - x * x) / (sigma * sigma);
+            }
+        }
+        out
+    }
+}
+
+/// What additions to the readings of one model promise and gain, the numbers of which follow: what they mimic is none of it.
+pub struct AdditionTest {
+    screen: ScoreTest,
+    /// Squares above noise without an addition, if the additions are events.
+    event: Option<f64>,
+}
+
+impl AdditionTest {
+    /// On the runs of `of`. `quiet`: the noise where nothing happens, if the additions are events.
+    #[must_use]
+    pub fn new(of: &FittedModel, quiet: Option<&[Colour]>, floors: &[f64]) -> Option<Self> {
+        let plain = white(&of.residuals, floors);
+        let screen = ScoreTest::new(&of.problem, &of.point, quiet.unwrap_or(&plain))?;
+        Some(Self { screen, event: quiet.map(|noise| above(&of.residuals, noise)) })
+    }
+
+    /// Of one addition.
+    #[must_use]
+    pub fn told(&self, addition: &Column) -> Confirmation {
+        let (promised, gained) = self.screen.as_it_is(addition);
+        let left = self.event.map_or(0.0, |without| part(without - gained, without));
+        Confirmation { promised, gained, left }
+    }
+}
+
+/// Noise of each channel in the recordings in which nothing `happened`, or in all, if there is no other.
+#[must_use]
+pub fn quiet_noise(of: &FittedModel, happened: impl Fn(&Recording) -> bool, context: &Context) -> Vec<Colour> {
+    let is_quiet = |w: &usize| !happened(&of.problem.recordings[of.problem.windows[*w].0]);
+    let quiet: Vec<usize> = (0..of.problem.windows.len()).filter(is_quiet).collect();
+    let residuals = if quiet.is_empty() { &of.residuals } else { &of.on_windows(&quiet).residuals };
+    white(residuals, &context.floors)
+}
+
+/// Squares above noise.
+fn above(residuals: &Residuals, noise: &[Colour]) -> f64 {
+    let excess = |(runs, colour): (&Vec<Vec<f64>>, &Colour)| -> f64 {
+        let has_weight = colour.sigma > 0.0 && colour.sigma.is_finite();
+        if has_weight { runs.iter().flatten().map(|x| (x / colour.sigma).powi(2) - 1.0).sum() } else { 0.0 }
+    };
+    residuals.iter().zip(noise).map(excess).sum()
+}
+
+/// What is left of `without`, which is all of it where there is nothing.
+fn part(with: f64, without: f64) -> f64 {
+    if without > 0.0 { (with / without).max(0.0) } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::identify::synthesis::{SHAKEN_PENDULUM, shaken_pendulum};
+
+    const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = 0.004\n";
+
+    #[test]
+    fn what_is_not_there_predicts_worse_and_what_is_there_leaves_the_noise() {
+        let experiment = shaken_pendulum();
+        let held_out = HeldOut::of(&experiment, &experiment.rig).unwrap();
+        let truth = held_out.residuals(&experiment.rig).unwrap();
+        assert_eq!((truth.len(), truth[0].len(), truth[0][0].len()), (1, 1, 400), "the one that was kept back");
+        let rms = libm::sqrt(truth[0][0].iter().map(|x| x * x).sum::<f64>() / 400.0);
+        assert!((rms / 0.001 - 1.0).abs() < 0.15, "{rms}");
+        let dragged =
+            Rig::parse(&SHAKEN_PENDULUM.replacen("[[recording]]", &format!("{DRAG}[[recording]]"), 1), "rig.toml")
+                .unwrap();
+        let wrong = held_out.residuals(&dragged).unwrap();
+        let Confirmation { promised, gained, .. } = Confirmation::of(&wrong, &truth, &[1e-6]);
+        assert!(promised > 400.0 && (gained / promised + 1.0).abs() < 0.1, "{promised} {gained}");
+        let Confirmation { promised, gained, .. } = Confirmation::of(&truth, &wrong, &[1e-6]);
+        assert!((gained / promised - 1.0).abs() < 0.1, "the other way round: {promised} {gained}");
+    }
+
+    const PUSH: &str = "[[effect]]\neffect = \"external_push\"\nat = \"q1\"\nimpulse = ";
+
+    /// What a push at .6 s of so much promises and gains in windows of 1 s that were not fitted, if `happened` is the truth.
+    fn push(happened: &str, so_much: f64) -> Confirmation {
+        let Shown { context, problem } = shown(happened);
+        let with = problem.fitted(&format!("{PUSH}{so_much}\ntime = 0.6\n"), 10, &context);
+        let without = problem.fitted("", 10, &context);
+        let candidate = Candidate { only: Some("a.csv".into()), ..problem.candidate("external_push", "q1") };
+        Confirmation::of_candidate(&candidate, &with, &without, &context).unwrap()
+    }
+
+    #[test]
+    fn a_push_holds_in_its_own_recording_cut_at_other_instants_if_it_happened() {
+        let context = shown("").context;
+        let happened = push(&format!("{PUSH}0.01\ntime = 0.6\n"), 0.01);
+        assert!(!happened.refutes(2, &context) && happened.left < 0.1, "{happened}");
+        let other = push(&format!("{PUSH}-0.01\ntime = 0.6\n"), 0.01);
+        assert!(other.refutes(2, &context), "the other way round: {other}");
+        let nothing = push("", 0.01);
+        assert!(nothing.refutes(2, &context), "{nothing}");
+    }
+
+    #[test]
+    fn nothing_kept_back_says_nothing() {
+        let mut experiment = shaken_pendulum();
+        experiment.recordings.truncate(1);
+        assert!(HeldOut::of(&experiment, &experiment.rig).is_none());
+    }
+}

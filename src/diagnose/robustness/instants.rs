@@ -1,0 +1,181 @@
+//! What no recording tells explains too: a reading stands at the row that is nearest to its instant, so that it is known to half a
+//! row, and a touchdown takes a moment ([`super::touchdowns`]).
+//!
+//! Two simulators of one machine that hold a command, step and read in another order differ by that much, and so do a drive and
+//! its logger ([`crate::identify::sampling`]). Beside what those instants explain an effect must still count; else half a row
+//! that is late is called a clock, a lag, a push.
+//! RT: no.
+
+use crate::diagnose::judge::numbers::HALF_A_ROW;
+use crate::diagnose::robustness::touchdowns::touchdown_changes;
+use crate::diagnose::screen::score_test::{Column, ScoreTest};
+use crate::identify::covariance::Change;
+use crate::identify::fit::{Bound, FreeRuns, Limits, Point, Series, fit};
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::noise::Colour;
+use crate::identify::problem::Problem;
+use crate::identify::sampling::one_row_later;
+
+/// Changes of the predictions when each sensor reads a row later. A command that acts a row earlier is all of them together.
+fn readings_later(of: &FittedModel) -> Vec<Change> {
+    let mut changes = one_row_later(&of.problem, &of.point);
+    changes.truncate(of.rig.sensors.len());
+    changes
+}
+
+/// By how much `richer` gains more than `plain` when the instants of both are free within their rows. `gain`: with instants as
+/// they are. `only`: the recording of an event, each window of which has instants of its own: what happens once is told from
+/// what is late once. Linear around both; what is more than `least` then is fitted, but for an event.
+#[must_use]
+pub fn gain_beside_instants(
+    plain: &FittedModel,
+    richer: &FittedModel,
+    (gain, least): (f64, f64),
+    only: Option<&str>,
+) -> f64 {
+    let noise = &richer.noise;
+    let linear = gain - explained_by_instants(plain, noise, only) + explained_by_instants(richer, noise, only);
+    if linear <= least || only.is_some() {
+        return linear;
+    }
+    let [Some(without), Some(with)] = [plain, richer].map(|of| cost_beside_instants(of, noise)) else { return linear };
+    without - with
+}
+
+/// As the refit without an effect is done.
+const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
+
+/// What is left of `of`, in twice the negative log-likelihood but for a constant, when instants and touchdowns are fitted too.
+fn cost_beside_instants(of: &FittedModel, noise: &[Colour]) -> Option<f64> {
+    let (runs, start) = FreeInstants::around(of, touchdown_changes(of));
+    let bounds = [of.problem.bounds(), runs.bounds()].concat();
+    let cost = fit(&runs, start, &bounds, noise, REFIT).cost;
+    cost.is_finite().then_some(cost)
+}
+
+/// Rise of twice the log-likelihood of `of` under `noise` when commands and readings move within their rows.
+fn explained_by_instants(of: &FittedModel, noise: &[Colour], only: Option<&str>) -> f64 {
+    let changes = readings_later(of);
+    if changes.is_empty() {
+        return 0.0;
+    }
+    let Some(screen) = ScoreTest::new(&of.problem, &of.point, noise) else { return 0.0 };
+    let windows = of.problem.windows.len();
+    let own: Vec<usize> =
+        (0..windows).filter(|w| only == Some(of.problem.recordings[of.problem.windows[*w].0].name.as_str())).collect();
+    let nothing: Column = vec![Vec::new(); windows];
+    let alone = |change: &Change, w: usize| -> Column {
+        let mut column = nothing.clone();
+        column[w].clone_from(&change[w]);
+        column
+    };
+    let others = |change: &Change| -> Column {
+        let of_window = |w: usize| if own.contains(&w) { Vec::new() } else { change[w].clone() };
+        (0..windows).map(of_window).collect()
+    };
+    let apart = changes.iter().flat_map(|change| own.iter().map(|w| alone(change, *w)));
+    let columns: Vec<Column> =
+        std::iter::once(nothing.clone()).chain(changes.iter().map(others)).chain(apart).collect();
+    let touchdowns = touchdown_changes(of);
+    let mut bounds = vec![(-HALF_A_ROW, HALF_A_ROW); columns.len() - 1];
+    bounds.extend(touchdowns.iter().map(|_| (-1.0, 1.0)));
+    screen.promise(&[columns, touchdowns].concat(), &[], &bounds).max(0.0)
+}
+
+/// A problem in which the predictions move by changes whose sizes are fitted as well: the instants of the readings within their rows,
+/// in rows, then what else is given, once either way.
+pub struct FreeInstants<'p> {
+    problem: &'p Problem,
+    changes: Vec<Change>,
+    readings: usize,
+}
+
+impl<'p> FreeInstants<'p> {
+    /// Around the fit `of`, and where that stands.
+    #[must_use]
+    pub fn around(of: &'p FittedModel, others: Vec<Column>) -> (Self, Point) {
+        let mut changes = readings_later(of);
+        let readings = changes.len();
+        changes.extend(others);
+        let parameters = [&of.point.parameters[..], &vec![0.0; changes.len()]].concat();
+        (Self { problem: &of.problem, changes, readings }, Point { parameters, states: of.point.states.clone() })
+    }
+
+    /// Of the sizes of the changes.
+    fn bounds(&self) -> Vec<Bound> {
+        let most = |i: usize| if i < self.readings { HALF_A_ROW } else { 1.0 };
+        (0..self.changes.len()).map(|i| Bound { min: -most(i), max: most(i) }).collect()
+    }
+}
+
+impl FreeRuns for FreeInstants<'_> {
+    fn windows(&self) -> usize {
+        self.problem.windows.len()
+    }
+
+    fn run(&self, window: usize, parameters: &[f64], state: &[f64], slopes: bool) -> Option<Vec<Series>> {
+        let shared = parameters.len() - self.changes.len();
+        let (own, sizes) = parameters.split_at(shared);
+        let mut out = self.problem.run(window, own, state, slopes)?;
+        for (c, series) in out.iter_mut().enumerate() {
+            let of_channel = |change: &Change| change[window].get(c).cloned().unwrap_or_default();
+            for (change, size) in self.changes.iter().zip(sizes).filter(|(_, size)| **size != 0.0) {
+                for (residual, by) in series.residual.iter_mut().zip(of_channel(change)) {
+                    *residual += size * by;
+                }
+            }
+            if slopes {
+                let rows = series.residual.len();
+                let slope = |change: &Change| {
+                    let mut slope = of_channel(change);
+                    slope.resize(rows, 0.0);
+                    slope
+                };
+                series.slopes.splice(shared..shared, self.changes.iter().map(slope));
+            }
+        }
+        Some(out)
+    }
+
+    fn reach(&self, index: usize) -> f64 {
+        if index < self.problem.logarithmic.len() { self.problem.reach(index) } else { f64::INFINITY }
+    }
+
+    fn is_exhausted(&self) -> bool {
+        self.problem.is_exhausted()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+
+    const LATE: &str = "[[effect]]\neffect = \"sensor_delay\"\nat = \"y\"\ndelay = ";
+    const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
+
+    /// What `effect` gains over the machine as given, alone and beside the instants; rows of 10 ms.
+    fn gains(hidden: &str, effect: &str) -> (f64, f64) {
+        let Shown { context, problem } = shown(hidden);
+        let (plain, richer) = (problem.fitted("", 20, &context), problem.fitted(effect, 20, &context));
+        let total = |h: &FittedModel| -> f64 { h.blocks(&richer.noise).iter().sum() };
+        let gain = total(&richer) - total(&plain);
+        (gain, gain_beside_instants(&plain, &richer, (gain, 0.0), None))
+    }
+
+    #[test]
+    fn a_reading_that_is_late_by_less_than_half_a_row_is_no_finding_and_by_three_rows_it_is_one() {
+        let late = format!("{LATE}{{ value = 0.004, min = 0.0, max = 0.1 }}\n");
+        let (gain, beside) = gains(&format!("{LATE}0.004\n"), &late);
+        assert!(gain > 100.0 && beside.abs() < 0.05 * gain, "{gain} {beside}");
+        let (gain, beside) = gains(&format!("{LATE}0.03\n"), &late);
+        assert!(beside > 0.5 * gain, "{gain} {beside}");
+    }
+
+    #[test]
+    fn what_no_instant_explains_keeps_its_gain() {
+        let drag = format!("{DRAG}{{ value = 0.001, min = 0.0, max = 0.1 }}\n");
+        let (gain, beside) = gains(&format!("{DRAG}0.004\n"), &drag);
+        assert!(gain > 100.0 && beside > 0.5 * gain, "{gain} {beside}");
+    }
+}

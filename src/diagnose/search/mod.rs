@@ -1,0 +1,14 @@
+//! Finds models that fit better, and decides nothing: each step asks the judge.
+//!
+//! RT: no.
+
+pub mod basin_hopping;
+pub(in crate::diagnose) mod budget;
+pub mod candidate_fit;
+pub mod converge_rivals;
+pub mod exchange;
+pub mod pairwise_exchange;
+pub mod ridge_restarts;
+pub mod round;
+pub mod runners_up;
+pub mod stepwise;

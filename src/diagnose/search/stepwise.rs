@@ -1,0 +1,503 @@
+//! Attribution: which effects of the library, alone and together, explain what the base cannot.
+//!
+//! Every candidate is nested in the simulator and fitted jointly with all base parameters from the base solution.
+//! Forward: a round of trials, the best that is believed is kept, until none is. Then the contest swaps and leaves out.
+//! RT: no.
+
+use crate::diagnose::judge::accept::{is_accepted, is_admissible};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
+use crate::diagnose::judge::exchange::only_freed_the_fit;
+use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here};
+use crate::diagnose::judge::numbers::{KEPT, LOCAL_TERMS, NEARLY};
+use crate::diagnose::judge::simplicity::order_by_penalised_gain;
+use crate::diagnose::judge::verdict::is_far_beyond_chance;
+use crate::diagnose::library::candidates::Candidate;
+use crate::diagnose::robustness::cross_validation::LeaveOneRecordingOut;
+use crate::diagnose::search::basin_hopping::escape_local_minimum;
+use crate::diagnose::search::budget::{allowance, is_spent, within};
+use crate::diagnose::search::candidate_fit::{CandidateFit, MOST_EFFORT, SelectedEffect, refit_without};
+use crate::diagnose::search::exchange::exchange_near_rivals;
+use crate::diagnose::search::round::{Asked, Start, merged, promises_little, round};
+use crate::diagnose::search::runners_up::{COMPANIONS, LEADS, runners_up};
+use crate::identify::base_fit::anew;
+use crate::identify::fit::Limits;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::is_misfit;
+use crate::model::rig::Rig;
+use rayon::prelude::*;
+use std::cell::OnceCell;
+
+/// Most effects that are added.
+pub const MOST: usize = 4;
+
+/// Candidates of a round, best first, that are asked whether they are believed; others are if they gain nearly as much as the first, of so
+/// many kinds (ripples of several orders are one), or were runners-up of the round before.
+const TRIED: usize = 3;
+
+/// Samples of which a last look at what is promised takes less than a second.
+const QUICK: usize = 20_000;
+
+/// What a forward selection comes to.
+pub struct Selection {
+    /// The base, better than it was if a candidate led it out of a false minimum.
+    pub base: FittedModel,
+    /// With everything that was added.
+    pub found: FittedModel,
+    /// What was added, in order.
+    pub added: Vec<SelectedEffect>,
+    /// The last round, which brought nothing.
+    pub last: Vec<CandidateFit>,
+    /// True if there was no time for another round.
+    pub cut_short: bool,
+}
+
+impl Selection {
+    /// Adds `best`; the rest of the last round are its rivals.
+    fn add(&mut self, best: CandidateFit, context: &Context) {
+        let removed = explained_part(&self.found, &best.hypothesis, context);
+        let others = std::mem::take(&mut self.last);
+        self.added.push(SelectedEffect { candidate: best.candidate, others, gain: best.gain, removed });
+        self.found = best.hypothesis;
+    }
+
+    /// From a better fit of the same effects.
+    fn go_on_from(&mut self, better: FittedModel) {
+        if self.added.is_empty() {
+            self.base = better.clone();
+        }
+        self.found = better;
+    }
+}
+
+/// How often a selection may start again from a better base.
+const RESTARTS: usize = 3;
+
+/// `now` fitted again from where `trial` stands, its effect taken out; `None` if the effect is what brings the gain.
+///
+/// A fit that ended in a false minimum is improved by anything that shakes it (a touchdown one row off, a stick that
+/// should slip): without this check such a candidate would be named on a healthy machine.
+fn improves_without_effect(now: &FittedModel, trial: &CandidateFit, context: &Context) -> Option<FittedModel> {
+    let without = refit_without(&trial.hypothesis, now.rig.effects.len(), context)?;
+    let total = |h: &FittedModel| -> f64 { h.blocks(&trial.hypothesis.noise).iter().sum() };
+    let (before, after, with) = (total(now), total(&without), total(&trial.hypothesis));
+    only_freed_the_fit(before, with, after).then_some(without)
+}
+
+/// [`improves_without_effect`] by the first of the last round, if it gains what would be worth it.
+fn leader_improves_without_effect(all: &Selection, context: &Context) -> Option<FittedModel> {
+    let leader = all.last.first().filter(|t| t.gain > detection_threshold(context, t.candidate.keys.len()))?;
+    improves_without_effect(&all.found, leader, context)
+}
+
+/// `trial` out of the false minimum that it may have come into, where more than noise stays; its gain over `now` follows.
+fn out_of_local_minimum(
+    now: &FittedModel,
+    mut trial: CandidateFit,
+    context: &Context,
+    said: &mut dyn FnMut(&str),
+) -> CandidateFit {
+    if !is_misfit(&trial.hypothesis.residuals, &context.floors) {
+        return trial;
+    }
+    let Some(other) = escape_local_minimum(&trial.hypothesis, context) else { return trial };
+    let better = compare(&other, &trial.hypothesis, context).total;
+    said(&format!("   {} was in a false minimum: {better:.0} better", trial.candidate.effect));
+    trial.gain = compare(&other, now, context).total;
+    trial.hypothesis = other;
+    trial
+}
+
+/// Steps to the end of a fit whose first steps were made among many.
+const TO_THE_END: Limits = Limits { iterations: 25, tolerance: 1e-5 };
+
+/// `trial` of a round on top of `now` fitted on until it stands; `None` if it is none then: a number at its bound was cut off, not
+/// found.
+fn fitted_to_the_end(now: &FittedModel, trial: &CandidateFit, context: &Context) -> Option<CandidateFit> {
+    let from = &trial.hypothesis;
+    let how = (&from.noise[..], TO_THE_END);
+    let last = within(allowance(now), now, from.problem.clone(), from.point.clone(), how, context)?;
+    if !is_admissible(&last, last.rig.effects.len() - 1, context) {
+        return None;
+    }
+    let gained = compare(&last, from, context).total;
+    if gained <= 0.0 {
+        return Some(trial.clone());
+    }
+    Some(CandidateFit { hypothesis: last, gain: trial.gain + gained, ..trial.clone() })
+}
+
+/// Leaders of a first round that are fitted anew.
+const ANEW: usize = 3;
+
+/// The leaders of a first round that leave misfit, fitted once more from the numbers of `given`: what is missing has led the
+/// base astray, windows and all, and from there not even the truth finds back (a walker whose encoder jumped). True if one
+/// stands better then.
+fn refit_leaders_from_given(given: &Rig, all: &mut Selection, context: &Context) -> bool {
+    let most = all.last.first().map_or(0.0, |t| t.gain);
+    let leads = |t: &&CandidateFit| t.gain > (LEADS * most).max(detection_threshold(context, t.candidate.keys.len()));
+    let leaders: Vec<&CandidateFit> = all.last.iter().filter(leads).take(ANEW).collect();
+    let one = |trial: &CandidateFit| {
+        let from = &trial.hypothesis;
+        if !is_misfit(&from.residuals, &context.floors) {
+            return None;
+        }
+        let mut rig = given.clone();
+        rig.effects.push(from.rig.effects.last()?.clone());
+        rig.sensors.clone_from(&from.rig.sensors);
+        let hypothesis = anew(&from.problem, &rig, &context.floors)?;
+        let further = hypothesis.likelihood - from.likelihood > detection_threshold(context, 0);
+        further.then(|| CandidateFit { hypothesis, ..trial.clone() })
+    };
+    let better: Vec<CandidateFit> = leaders.into_par_iter().filter_map(one).collect();
+    let found = !better.is_empty();
+    if found {
+        all.last = merged(&all.found, better, std::mem::take(&mut all.last), context);
+    }
+    found
+}
+
+/// Forward selection from `base`, which is `given` with its numbers fitted. `also`: another place from which the first effect
+/// is sought too.
+pub fn forward(
+    (given, base): (&Rig, &FittedModel),
+    also: Option<&FittedModel>,
+    library: impl Fn(&FittedModel) -> Vec<Candidate>,
+    context: &Context,
+    mut said: impl FnMut(&str),
+) -> Selection {
+    let said: &mut dyn FnMut(&str) = &mut said;
+    let mut search = Search::from(given, base, also, &library, context);
+    loop {
+        if !search.next_round(said) {
+            return search.all;
+        }
+        tell(&search.all.last, context, said);
+        if search.is_full() {
+            return search.all;
+        }
+        order_by_penalised_gain(&mut search.all.last, context);
+        // Before the recordings left out are asked: what they say of a false minimum is as false.
+        if search.is_freed_by_leader(said) {
+            continue;
+        }
+        let left_out = OnceCell::new();
+        match search.accepted(&left_out, said) {
+            Some(i) if i > 0 && search.is_freed_by(i, said) => {}
+            Some(i) => search.add(i, said),
+            None => {
+                let left_out = left_out.get().and_then(Option::as_ref);
+                if !search.adds_pair(left_out, said) {
+                    return search.all;
+                }
+            }
+        }
+    }
+}
+
+/// A forward selection on its way.
+struct Search<'s> {
+    given: &'s Rig,
+    also: Option<&'s FittedModel>,
+    library: &'s dyn Fn(&FittedModel) -> Vec<Candidate>,
+    context: &'s Context,
+    all: Selection,
+    /// Gain of what was added.
+    explained: f64,
+    restarts: usize,
+    last_cost: u64,
+    /// What rounds cost that only freed the base from a false minimum, or were made from a second place.
+    beside: u64,
+    /// Trials on top of a worse base.
+    stood: Vec<CandidateFit>,
+    /// Effects that had been added when runners-up were asked.
+    asked: usize,
+    /// Those of this round.
+    near: Vec<Start>,
+}
+
+impl<'s> Search<'s> {
+    fn from(
+        given: &'s Rig,
+        base: &FittedModel,
+        also: Option<&'s FittedModel>,
+        library: &'s dyn Fn(&FittedModel) -> Vec<Candidate>,
+        context: &'s Context,
+    ) -> Self {
+        let (added, last) = (Vec::new(), Vec::new());
+        let all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
+        let (explained, restarts, last_cost, beside, stood, asked, near) = (0.0, 0, 0, 0, Vec::new(), 0, Vec::new());
+        Self { given, also, library, context, all, explained, restarts, last_cost, beside, stood, asked, near }
+    }
+
+    fn spent(&self) -> u64 {
+        self.all.found.problem.effort.spent()
+    }
+
+    /// True if another round should end in time, by what the last one took: an answer with fewer effects is better than none.
+    fn has_time(&self) -> bool {
+        self.spent() + self.last_cost <= MOST_EFFORT + self.beside
+    }
+
+    /// Another round on top of what was found; false where that ends the search.
+    fn next_round(&mut self, said: &mut dyn FnMut(&str)) -> bool {
+        let earlier = std::mem::take(&mut self.stood);
+        if self.last_cost > 0 && !self.has_time() {
+            return earlier.is_empty() && self.asks_runners_up(said) || self.ends_early(earlier, said);
+        }
+        let spent = self.spent();
+        let library = (self.library)(&self.all.found);
+        said(&format!("{} candidates", library.len()));
+        self.near =
+            self.all.added.last().map(|last| runners_up(&self.all.found, last, self.context)).unwrap_or_default();
+        let asked = Asked { library: &library, near: &self.near };
+        self.all.last = round(&self.all.found, (&self.all.found, earlier), asked, self.context, &mut *said);
+        self.last_cost = self.spent() - spent;
+        if let Some(also) = self.also.filter(|_| self.all.added.is_empty()) {
+            said("the same from the numbers as given");
+            let before = self.spent();
+            let asked = Asked { library: &(self.library)(also), near: &[] };
+            let more = round(also, (&self.all.found, Vec::new()), asked, self.context, &mut *said);
+            self.all.last = merged(&self.all.found, std::mem::take(&mut self.all.last), more, self.context);
+            self.beside += self.spent() - before;
+        }
+        true
+    }
+
+    /// No time for a round of the whole library: the runners-up of the last one are fitted on top of its winner. Of two effects that
+    /// are both there each nearly wins alone. False if there are none, or none is left.
+    fn asks_runners_up(&mut self, said: &mut dyn FnMut(&str)) -> bool {
+        let added = self.all.added.len();
+        let last = self.all.added.last().filter(|_| added > self.asked && !is_spent(&self.all.found));
+        self.near = last.map(|last| runners_up(&self.all.found, last, self.context)).unwrap_or_default();
+        if self.near.is_empty() {
+            return false;
+        }
+        said("no time for another round: its runners-up beside the winner");
+        self.asked = added;
+        let asked = Asked { library: &[], near: &self.near };
+        self.all.last = round(&self.all.found, (&self.all.found, Vec::new()), asked, self.context, said);
+        self.all.cut_short = true;
+        !self.all.last.is_empty()
+    }
+
+    /// No time for another round: what was fitted on top of a worse base stands all the same, if there is anything.
+    fn ends_early(&mut self, earlier: Vec<CandidateFit>, said: &mut dyn FnMut(&str)) -> bool {
+        let is_left = !earlier.is_empty();
+        let is_quick = self.context.samples < QUICK;
+        let is_vain = || promises_little(&self.all.found, &(self.library)(&self.all.found), self.context);
+        let is_done = !is_left && is_quick && is_vain();
+        said(if is_done { "nothing promises enough for another round" } else { "no time for another round" });
+        self.all.cut_short = !is_done;
+        self.all.last = if is_left { merged(&self.all.found, Vec::new(), earlier, self.context) } else { Vec::new() };
+        is_left
+    }
+
+    /// True if nothing may be added.
+    fn is_full(&self) -> bool {
+        let local = self.all.added.iter().filter(|a| is_local_here(&self.all.found, &a.candidate)).count();
+        self.all.added.len() >= MOST || local >= LOCAL_TERMS
+    }
+
+    /// True if the leader only freed the fit from a false minimum; the search then goes on from there.
+    fn is_freed_by_leader(&mut self, said: &mut dyn FnMut(&str)) -> bool {
+        let mut shaken = leader_improves_without_effect(&self.all, self.context).filter(|_| self.restarts < RESTARTS);
+        if shaken.is_some()
+            && self.all.added.is_empty()
+            && refit_leaders_from_given(self.given, &mut self.all, self.context)
+        {
+            said("   fitted anew from the numbers as given");
+            tell(&self.all.last, self.context, said);
+            order_by_penalised_gain(&mut self.all.last, self.context);
+            shaken = leader_improves_without_effect(&self.all, self.context);
+        }
+        let Some(better) = shaken else { return false };
+        self.go_on_from(better, 0, said);
+        true
+    }
+
+    /// The same for candidate `i` of the round.
+    fn is_freed_by(&mut self, i: usize, said: &mut dyn FnMut(&str)) -> bool {
+        if self.restarts >= RESTARTS {
+            return false;
+        }
+        let Some(better) = improves_without_effect(&self.all.found, &self.all.last[i], self.context) else {
+            return false;
+        };
+        self.go_on_from(better, i, said);
+        true
+    }
+
+    fn go_on_from(&mut self, better: FittedModel, i: usize, said: &mut dyn FnMut(&str)) {
+        said(&format!("   {} only shook the fit free: again from there", self.all.last[i].candidate.effect));
+        self.restarts += 1;
+        self.beside += self.last_cost;
+        self.stood = std::mem::take(&mut self.all.last);
+        self.all.go_on_from(better);
+    }
+
+    /// The first of the best candidates of the round that is accepted, and still admissible when it is fitted to the end; one that
+    /// then runs to its bound leaves the round. `left_out`: made when needed.
+    fn accepted(
+        &mut self,
+        left_out: &OnceCell<Option<LeaveOneRecordingOut>>,
+        said: &mut dyn FnMut(&str),
+    ) -> Option<usize> {
+        let mut i = 0;
+        let most = self.all.last.first().map_or(0.0, |t| t.gain);
+        while i < self.all.last.len() {
+            if !self.is_asked(i, most) || !self.is_believed(i, left_out, said) {
+                i += 1;
+                continue;
+            }
+            match fitted_to_the_end(&self.all.found, &self.all.last[i], self.context) {
+                Some(trial) => {
+                    self.all.last[i] = trial;
+                    return Some(i);
+                }
+                None => {
+                    let dropped = self.all.last.remove(i);
+                    said(&format!("   {} runs to its bound when it is fitted on", dropped.candidate.effect));
+                }
+            }
+        }
+        None
+    }
+
+    /// True if candidate `i` of the round, in which the first gains `most`, is asked whether it is believed.
+    fn is_asked(&self, i: usize, most: f64) -> bool {
+        let trial = &self.all.last[i];
+        let is_runner_up = || self.near.iter().any(|start| start.candidate.is_same_as(&trial.candidate));
+        i < TRIED || trial.gain > NEARLY * most && self.kinds_before(i) < TRIED || is_runner_up()
+    }
+
+    /// Effects and places among the candidates of the round that are ahead of candidate `i`, its own not counted.
+    fn kinds_before(&self, i: usize) -> usize {
+        let own = &self.all.last[i].candidate;
+        let mut kinds: Vec<(&str, &str)> =
+            self.all.last[..i].iter().map(|t| (t.candidate.effect, t.candidate.at.as_str())).collect();
+        kinds.retain(|kind| *kind != (own.effect, own.at.as_str()));
+        kinds.sort_unstable();
+        kinds.dedup();
+        kinds.len()
+    }
+
+    fn is_believed(
+        &self,
+        i: usize,
+        left_out: &OnceCell<Option<LeaveOneRecordingOut>>,
+        said: &mut dyn FnMut(&str),
+    ) -> bool {
+        let (now, all, context) = (&self.all.found, &self.all.last[..], self.context);
+        let trial = &all[i];
+        let kept = || {
+            let left_out = left_out.get_or_init(|| LeaveOneRecordingOut::of(now, &context.floors)).as_ref();
+            left_out.and_then(|l| l.cross_validated_gain_ratio(&trial.hypothesis, &context.floors))
+        };
+        !has_unresolved_order(now, trial, all, context)
+            && is_accepted(now, (trial, all), self.explained, kept, context, said)
+    }
+
+    /// Adds candidate `i` of the round, and asks those before it again.
+    fn add(&mut self, i: usize, said: &mut dyn FnMut(&str)) {
+        let best = self.all.last.remove(i);
+        let best = out_of_local_minimum(&self.all.found, best, self.context, said);
+        self.explained += best.gain;
+        self.all.add(best, self.context);
+        let found = self.all.found.clone();
+        self.all.found = exchange_near_rivals(found, &mut self.all.added, self.context, said);
+    }
+
+    /// True if two candidates that hide each other were added together.
+    fn adds_pair(&mut self, left_out: Option<&LeaveOneRecordingOut>, said: &mut dyn FnMut(&str)) -> bool {
+        let left_out = left_out.filter(|_| self.all.added.is_empty() && self.has_time());
+        let Some(pair) = left_out.and_then(|l| add_jointly(&self.all, self.library, l, self.context, said)) else {
+            return false;
+        };
+        for trial in pair {
+            self.all.last.retain(|t| !t.candidate.is_same_as(&trial.candidate));
+            self.explained += trial.gain;
+            self.all.add(trial, self.context);
+        }
+        true
+    }
+}
+
+/// A leader that does not hold on recordings left out, and the effect that makes it hold: two that hide each other look, one
+/// at a time, like nothing that is true (an offset beside friction that falls with speed). Both together must leave but noise.
+fn add_jointly(
+    all: &Selection,
+    library: &dyn Fn(&FittedModel) -> Vec<Candidate>,
+    left_out: &LeaveOneRecordingOut,
+    context: &Context,
+    said: &mut dyn FnMut(&str),
+) -> Option<[CandidateFit; 2]> {
+    let mut leaders: Vec<&CandidateFit> = Vec::new();
+    for trial in all.last.iter().filter(|t| is_far_beyond_chance(t.gain, t.candidate.keys.len(), context)) {
+        let e = trial.hypothesis.rig.effects.len() - 1;
+        let is_new = leaders.iter().all(|l| l.candidate.effect != trial.candidate.effect);
+        if is_new && !is_local_here(&all.found, &trial.candidate) && is_admissible(&trial.hypothesis, e, context) {
+            leaders.push(trial);
+        }
+    }
+    let most = leaders.first().map_or(0.0, |l| l.gain);
+    leaders.retain(|l| l.gain > LEADS * most);
+    // Who has few numbers makes up for little of what the other does, and is soon asked.
+    leaders.sort_by_key(|l| l.candidate.keys.iter().filter(|k| k.max > k.min).count());
+    for leader in leaders.into_iter().take(COMPANIONS) {
+        let now = &leader.hypothesis;
+        if now.problem.effort.spent() > MOST_EFFORT / 3 * 2 {
+            return None;
+        }
+        said(&format!("   with {}@{} for company", leader.candidate.effect, leader.candidate.at));
+        let asked = Asked { library: &library(now), near: &[] };
+        let mut seconds = round(now, (now, Vec::new()), asked, context, &mut *said);
+        tell(&seconds, context, said);
+        order_by_penalised_gain(&mut seconds, context);
+        let Some(second) = seconds.first().filter(|s| !is_misfit(&s.hypothesis.residuals, &context.floors)) else {
+            continue;
+        };
+        let kept = left_out.cross_validated_gain_ratio(&second.hypothesis, &context.floors).unwrap_or(0.0);
+        said(&format!("   with {} both keep {kept:.2} of their gain on recordings left out", second.candidate.effect));
+        let alone = || {
+            LeaveOneRecordingOut::of(now, &context.floors)?
+                .cross_validated_gain_ratio(&second.hypothesis, &context.floors)
+        };
+        if kept >= KEPT && is_accepted(now, (second, &seconds), leader.gain, alone, context, said) {
+            return Some([leader.clone(), second.clone()]);
+        }
+    }
+    None
+}
+
+/// Says how the candidates of a round did.
+fn tell(trials: &[CandidateFit], context: &Context, said: &mut dyn FnMut(&str)) {
+    for t in trials.iter().take(6) {
+        let effect = t.hypothesis.rig.effects.last();
+        let values: Vec<f64> = effect.map(|e| e.values.iter().map(|v| v.value).collect()).unwrap_or_default();
+        let (effect, at) = (t.candidate.effect, &t.candidate.at);
+        said(&format!("   {effect:20} {at:12} gain {:9.1} of {} {values:.4?}", t.gain, context.samples));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+
+    #[test]
+    fn a_number_that_runs_to_its_bound_is_none_and_one_that_is_found_gains() {
+        let lag = |value: &str| format!("[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = {value}\n");
+        let Shown { context, problem } = shown(&lag("0.02"));
+        let base = problem.fitted("", 20, &context);
+        let last = |most: f64| {
+            let text = lag(&format!("{{ value = 0.002, min = 0.0, max = {most} }}"));
+            let trial = problem.trial("actuator_lag", "u", &text, 1, 100.0, &context);
+            (fitted_to_the_end(&base, &trial, &context), trial)
+        };
+        assert!(last(0.01).0.is_none());
+        let (found, trial) = last(0.2);
+        let found = found.unwrap();
+        assert!(found.gain > trial.gain, "{} {}", found.gain, trial.gain);
+        assert!((found.hypothesis.rig.effects.last().unwrap().values[0].value / 0.02 - 1.0).abs() < 0.05);
+    }
+}
