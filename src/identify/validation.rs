@@ -2,10 +2,10 @@
 //!
 //! RT: no.
 
-use crate::report::findings::{Figure, Trace};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::rollout::{FreeRun, Pooled, RolloutError, free_run};
 use crate::model::rig::{Rig, Use};
+use crate::report::findings::{Figure, Trace};
 use rayon::prelude::*;
 
 /// The three models that are compared.
