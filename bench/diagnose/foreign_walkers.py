@@ -1,7 +1,7 @@
 """Healthy walkers of MuJoCo for `foreign.py --walkers`: two legs on a foot of soft contact, or on one that is held softly.
 
 The model of docs/equations.md with a body without inertia (c3 = c6 = 0). The swing foot is drawn in, so it touches nothing
-until it has passed; the hip follows the gait of docs/protocols.md: the swing leg mirrors the stance leg, a little ahead.
+until it has passed. The hip follows the gait of src/trial/generator/gait.rs: the swing leg mirrors the stance leg, a little ahead.
 """
 import math
 

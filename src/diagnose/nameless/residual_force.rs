@@ -12,7 +12,6 @@ use crate::diagnose::nameless::free_curve::FreeCurve;
 use crate::diagnose::nameless::holds_elsewhere::Elsewhere;
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::robustness::instants::FreeInstants;
-use crate::diagnose::robustness::touchdowns::touchdown_changes;
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::score_test::ScoreTest;
 use crate::identify::fitted_model::FittedModel;
@@ -238,7 +237,7 @@ impl Structure {
 /// The free forces that explain most of what `of` leaves.
 fn structure(of: &FittedModel, with_time: bool, context: &Context, said: &mut dyn FnMut(&str)) -> Option<Structure> {
     let windows = ltv_windows(of)?;
-    let (runs, point) = FreeInstants::around(of, touchdown_changes(of));
+    let (runs, point) = FreeInstants::around(of);
     let screen = ScoreTest::new(&runs, &point, &of.noise)?;
     let mut patterns = patterns(&of.rig, &screen, &windows);
     patterns.retain(|p| with_time || !p.is_over_time());

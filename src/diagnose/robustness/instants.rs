@@ -34,28 +34,29 @@ pub fn gain_beside_instants(
     only: Option<&str>,
 ) -> f64 {
     let noise = &richer.noise;
-    let linear = gain - explained_by_instants(plain, noise, only) + explained_by_instants(richer, noise, only);
+    let moved = [plain, richer].map(|of| (of, FreeInstants::around(of)));
+    let [of_plain, of_richer] = moved.each_ref().map(|(of, (free, _))| explained_by_instants(of, free, noise, only));
+    let linear = gain - of_plain + of_richer;
     if linear <= least || only.is_some() {
         return linear;
     }
-    let [Some(without), Some(with)] = [plain, richer].map(|of| cost_beside_instants(of, noise)) else { return linear };
-    without - with
+    let [without, with] = moved.map(|(_, (free, start))| cost_beside_instants(&free, start, noise));
+    without.zip(with).map_or(linear, |(without, with)| without - with)
 }
 
 /// As the refit without an effect is done.
 const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
-/// What is left of `of`, in twice the negative log-likelihood but for a constant, when instants and touchdowns are fitted too.
-fn cost_beside_instants(of: &FittedModel, noise: &[Colour]) -> Option<f64> {
-    let (runs, start) = FreeInstants::around(of, touchdown_changes(of));
-    let bounds = [of.problem.bounds(), runs.bounds()].concat();
-    let cost = fit(&runs, start, &bounds, noise, REFIT).cost;
+/// What is left, in twice the negative log-likelihood but for a constant, when instants and touchdowns are fitted too.
+fn cost_beside_instants(free: &FreeInstants, start: Point, noise: &[Colour]) -> Option<f64> {
+    let bounds = [free.problem.bounds(), free.bounds()].concat();
+    let cost = fit(free, start, &bounds, noise, REFIT).cost;
     cost.is_finite().then_some(cost)
 }
 
-/// Rise of twice the log-likelihood of `of` under `noise` when commands and readings move within their rows.
-fn explained_by_instants(of: &FittedModel, noise: &[Colour], only: Option<&str>) -> f64 {
-    let changes = readings_later(of);
+/// Rise of twice the log-likelihood of `of` under `noise` when readings move within their rows and touchdowns take their moment.
+fn explained_by_instants(of: &FittedModel, free: &FreeInstants, noise: &[Colour], only: Option<&str>) -> f64 {
+    let (changes, touchdowns) = free.changes.split_at(free.readings);
     if changes.is_empty() {
         return 0.0;
     }
@@ -76,14 +77,13 @@ fn explained_by_instants(of: &FittedModel, noise: &[Colour], only: Option<&str>)
     let apart = changes.iter().flat_map(|change| own.iter().map(|w| alone(change, *w)));
     let columns: Vec<Column> =
         std::iter::once(nothing.clone()).chain(changes.iter().map(others)).chain(apart).collect();
-    let touchdowns = touchdown_changes(of);
     let mut bounds = vec![(-HALF_A_ROW, HALF_A_ROW); columns.len() - 1];
     bounds.extend(touchdowns.iter().map(|_| (-1.0, 1.0)));
-    screen.promise(&[columns, touchdowns].concat(), &[], &bounds).max(0.0)
+    screen.promise(&[&columns[..], touchdowns].concat(), &[], &bounds).max(0.0)
 }
 
 /// A problem in which the predictions move by changes whose sizes are fitted as well: the instants of the readings within their rows,
-/// in rows, then what else is given, once either way.
+/// in rows, then the states after touchdowns, once either way.
 pub struct FreeInstants<'p> {
     problem: &'p Problem,
     changes: Vec<Change>,
@@ -93,10 +93,10 @@ pub struct FreeInstants<'p> {
 impl<'p> FreeInstants<'p> {
     /// Around the fit `of`, and where that stands.
     #[must_use]
-    pub fn around(of: &'p FittedModel, others: Vec<Column>) -> (Self, Point) {
+    pub fn around(of: &'p FittedModel) -> (Self, Point) {
         let mut changes = readings_later(of);
         let readings = changes.len();
-        changes.extend(others);
+        changes.extend(touchdown_changes(of));
         let parameters = [&of.point.parameters[..], &vec![0.0; changes.len()]].concat();
         (Self { problem: &of.problem, changes, readings }, Point { parameters, states: of.point.states.clone() })
     }

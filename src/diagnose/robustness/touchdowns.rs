@@ -17,7 +17,7 @@ const STATE: usize = 4;
 
 /// Changes of the predictions when one number of the state after one touchdown moves by what [`TOUCHDOWN_S`] makes of it: for
 /// each touchdown that was recorded and each number. No two touchdowns take the same moment.
-pub(in crate::diagnose) fn touchdown_changes(of: &FittedModel) -> Vec<Column> {
+pub(super) fn touchdown_changes(of: &FittedModel) -> Vec<Column> {
     let recordings = &of.problem.recordings;
     if recordings.iter().all(|r| r.stance.is_empty()) {
         return Vec::new();
