@@ -109,7 +109,7 @@ impl ChangePoint {
     #[must_use]
     pub fn holds(&self, base: &FittedModel, context: &Context) -> bool {
         let name = &self.after.problem.recordings[self.recording].name;
-        let own = |of: &FittedModel| cut_elsewhere(of, |r| r.name == *name, &context.floors);
+        let own = |of: &FittedModel| cut_elsewhere(of, |r| r.name == *name, None, &context.floors);
         let base_in = |part: &FittedModel| {
             let point = Point { parameters: base.point.parameters.clone(), states: part.point.states.clone() };
             own(&FittedModel { problem: part.problem.clone(), point, ..base.clone() })

@@ -38,12 +38,12 @@ impl<'f> Elsewhere<'f> {
         }
         let told = if let Some(event) = event {
             let quiet = quiet_noise(of, |r| r.name == event, context);
-            let runs = cut_elsewhere(of, |r| r.name == event, floors);
+            let runs = cut_elsewhere(of, |r| r.name == event, None, floors);
             runs.and_then(|runs| Some(Examiner::of(&runs, Some(&quiet), floors)?.asks(pattern)))
         } else {
             let (kept, runs): (_, &dyn Fn() -> Option<FittedModel>) = match &context.held_out {
                 Some(held_out) if !pattern.is_over_time() => (&self.held_out, &|| held_out.predicted_by(of, floors)),
-                _ => (&self.cut, &|| cut_elsewhere(of, |_| true, floors)),
+                _ => (&self.cut, &|| cut_elsewhere(of, |_| true, None, floors)),
             };
             let examiner = kept.get_or_init(|| Examiner::of(&runs()?, None, floors));
             examiner.as_ref().map(|examiner| examiner.asks(pattern))

@@ -19,7 +19,7 @@ use crate::identify::noise::Colour;
 use crate::identify::outliers::clean;
 use crate::identify::problem::Problem;
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
-use crate::model::rig::{Rig, Use};
+use crate::model::rig::{Effect, Rig, Use};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -67,19 +67,25 @@ impl HeldOut {
     }
 }
 
-/// `of` on the recordings that `wanted` keeps, its numbers as they are, its windows cut in the middle of those that were fitted
-/// and where the machine was set anew. `None` if a run leaves the finite numbers.
+/// `of` on the recordings that `wanted` keeps, its numbers as they are, its windows cut elsewhere ([`cuts`]) and where the machine
+/// was set anew. `None` if a run leaves the finite numbers.
 #[must_use]
-pub fn cut_elsewhere(of: &FittedModel, wanted: impl Fn(&Recording) -> bool, floors: &[f64]) -> Option<FittedModel> {
+pub fn cut_elsewhere(
+    of: &FittedModel,
+    wanted: impl Fn(&Recording) -> bool,
+    instant_s: Option<f64>,
+    floors: &[f64],
+) -> Option<FittedModel> {
     let mut problem = of.problem.clone();
     (problem.windows, problem.spans) = (Vec::new(), Vec::new());
     for (r, recording) in of.problem.recordings.iter().enumerate().filter(|(_, recording)| wanted(recording)) {
         let mine = of.problem.windows.iter().zip(&of.problem.spans).filter(|((own, _), _)| *own == r);
         let rows: Vec<&Range<usize>> = mine.map(|(_, rows)| rows).collect();
         let (Some(first), Some(last)) = (rows.first(), rows.last()) else { continue };
-        let middles = rows.iter().map(|rows| usize::midpoint(rows.start, rows.end));
         let breaks = (first.start + 1..last.end).filter(|row| recording.is_fresh(*row));
-        let mut cuts: Vec<usize> = [first.start, last.end].into_iter().chain(middles).chain(breaks).collect();
+        let instant = instant_s.map(|at_s| recording.times.partition_point(|t| *t < at_s));
+        let mut cuts: Vec<usize> =
+            [first.start, last.end].into_iter().chain(cuts(&rows, instant)).chain(breaks).collect();
         cuts.sort_unstable();
         for (w, cut) in cuts.windows(2).enumerate().filter(|(_, cut)| cut[0] < cut[1]) {
             problem.windows.push((r, w));
@@ -87,6 +93,23 @@ pub fn cut_elsewhere(of: &FittedModel, wanted: impl Fn(&Recording) -> bool, floo
         }
     }
     started(problem, of, floors)
+}
+
+/// Where in its window an event stands when windows are cut for it: so that the window shows it and what came before it.
+const STANDS: [f64; 2] = [0.25, 0.5];
+
+/// Rows at which windows begin that were fitted as `rows`: in the middles of those. Where something happened at row `instant`, windows as
+/// long as the one in which it happened, such that it stands elsewhere in its own.
+fn cuts(rows: &[&Range<usize>], instant: Option<usize>) -> Vec<usize> {
+    let own = instant.and_then(|k| rows.iter().find(|window| window.contains(&k)).map(|window| (k, *window)));
+    let (Some((k, own)), Some(first), Some(last)) = (own, rows.first(), rows.last()) else {
+        return rows.iter().map(|rows| usize::midpoint(rows.start, rows.end)).collect();
+    };
+    let (rows_of, stood) = (own.len(), (k - own.start) as f64 / own.len() as f64);
+    let far = |stands: &&f64| (**stands - stood).abs();
+    let stands = STANDS.iter().max_by(|a, b| far(a).total_cmp(&far(b))).copied().unwrap_or(0.5);
+    let begins = k + rows_of - (stands * rows_of as f64) as usize;
+    (begins % rows_of..last.end).step_by(rows_of).filter(|row| *row > first.start).collect()
 }
 
 /// `of` in the windows of `problem`, each from the state that suits it best.
@@ -128,7 +151,10 @@ impl Confirmation {
         context: &Context,
     ) -> Option<Self> {
         let Some(only) = &candidate.only else { return Self::on_kept_back(with, without, context) };
-        let own = |of: &FittedModel| Some(cut_elsewhere(of, |r| r.name == *only, &context.floors)?.residuals);
+        let is_it = |effect: &&Effect| effect.kind.id() == candidate.effect && effect.recordings.contains(only);
+        let instant_s = with.rig.effects.iter().rev().find(is_it).and_then(|effect| Some(effect.get("time")?.value));
+        let own =
+            |of: &FittedModel| Some(cut_elsewhere(of, |r| r.name == *only, instant_s, &context.floors)?.residuals);
         let (happened, not) = (own(with)?, own(without)?);
         let noise = quiet_noise(with, |r| r.name == *only, context);
         Some(Self::of_event(&happened, &not, &noise, context))
@@ -145,8 +171,19 @@ impl Confirmation {
     /// Of an event, in the recording in which it happened. `noise`: where nothing happens.
     #[must_use]
     pub fn of_event(with: &Residuals, without: &Residuals, noise: &[Colour], context: &Context) -> Self {
-        let left = part(above(with, noise), above(without, noise));
-        Self { left, ..Self::of(with, without, &context.floors) }
+        // A window counts by what changes in it: what misfit one before the event has says nothing of the event.
+        let windows = with.iter().map(Vec::len).max().unwrap_or(0);
+        let (mut stays, mut was) = (0.0, 0.0);
+        for w in 0..windows {
+            let own = |all: &Residuals| -> Residuals {
+                all.iter().map(|channel| channel.get(w).cloned().into_iter().collect()).collect()
+            };
+            let (with, without) = (own(with), own(without));
+            let weight = changed(&with, &without, noise);
+            stays += weight * above(&with, noise);
+            was += weight * above(&without, noise);
+        }
+        Self { left: part(stays, was), ..Self::of(with, without, &context.floors) }
     }
 
     /// True if it speaks for the one model against another of as many numbers.
@@ -229,6 +266,17 @@ fn above(residuals: &Residuals, noise: &[Colour]) -> f64 {
     residuals.iter().zip(noise).map(excess).sum()
 }
 
+/// Squares of the change between two models.
+fn changed(with: &Residuals, without: &Residuals, noise: &[Colour]) -> f64 {
+    let between = |(a, b): (&Vec<f64>, &Vec<f64>)| -> Vec<f64> { a.iter().zip(b).map(|(x, y)| x - y).collect() };
+    let of_channel = |((a, b), colour): ((&Vec<Vec<f64>>, &Vec<Vec<f64>>), &Colour)| -> f64 {
+        let has_weight = colour.sigma > 0.0 && colour.sigma.is_finite();
+        let squares = a.iter().zip(b).flat_map(between).map(|x| (x / colour.sigma).powi(2));
+        if has_weight { squares.sum() } else { 0.0 }
+    };
+    with.iter().zip(without).zip(noise).map(of_channel).sum()
+}
+
 /// What is left of `without`, which is all of it where there is nothing.
 fn part(with: f64, without: f64) -> f64 {
     if without > 0.0 { (with / without).max(0.0) } else { 1.0 }
@@ -280,6 +328,27 @@ mod tests {
         assert!(other.refutes(2, &context), "the other way round: {other}");
         let nothing = push("", 0.01);
         assert!(nothing.refutes(2, &context), "{nothing}");
+    }
+
+    #[test]
+    fn windows_for_an_event_are_as_long_as_its_own_and_show_it_elsewhere() {
+        let fitted = [0..100, 100..200, 200..300];
+        let rows: Vec<&Range<usize>> = fitted.iter().collect();
+        assert_eq!(cuts(&rows, None), [50, 150, 250], "in the middles");
+        assert_eq!(cuts(&rows, Some(190)), [65, 165, 265], "a quarter behind the cut, not nine tenths");
+        assert_eq!(cuts(&rows, Some(110)), [60, 160, 260], "half, not a tenth");
+        assert_eq!(cuts(&rows, Some(5)), [55, 155, 255], "what comes before the first row is no window");
+    }
+
+    #[test]
+    fn misfit_in_other_windows_says_nothing_of_an_event() {
+        let context = shown("").context;
+        let window = |size: f64| -> Vec<f64> { (0..100).map(|k| size * libm::sin(f64::from(k))).collect() };
+        let told = |before: f64| {
+            let (with, without) = (vec![vec![window(before), window(0.1)]], vec![vec![window(before), window(30.0)]]);
+            Confirmation::of_event(&with, &without, &[Colour::white(1.0)], &context).left
+        };
+        assert!(told(0.1) < 0.01 && told(30.0) < 0.01, "{} {}", told(0.1), told(30.0));
     }
 
     #[test]

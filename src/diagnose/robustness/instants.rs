@@ -1,9 +1,10 @@
-//! What no recording tells explains too: a reading stands at the row that is nearest to its instant, so that it is known to half a
-//! row, and a touchdown takes a moment ([`super::touchdowns`]).
+//! What no recording tells explains too: the instant of a row is known to half a row, and a touchdown takes a moment
+//! ([`super::touchdowns`]).
 //!
 //! Two simulators of one machine that hold a command, step and read in another order differ by that much, and so do a drive and
-//! its logger ([`crate::identify::sampling`]). Beside what those instants explain an effect must still count; else half a row
-//! that is late is called a clock, a lag, a push.
+//! its logger ([`crate::identify::sampling`]). They read all angles at one instant of their step, and all rates at one; so these move
+//! together, and one sensor that is late beside the others is a finding. Beside what those instants explain an effect must still
+//! count; else half a row that is late is called a clock, a lag, a push.
 //! RT: no.
 
 use crate::diagnose::judge::numbers::HALF_A_ROW;
@@ -16,11 +17,27 @@ use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use crate::identify::sampling::one_row_later;
 
-/// Changes of the predictions when each sensor reads a row later. A command that acts a row earlier is all of them together.
+/// Changes of the predictions when all angles are read a row later, and when all rates are. A command that acts a row earlier is
+/// both together.
 fn readings_later(of: &FittedModel) -> Vec<Change> {
-    let mut changes = one_row_later(&of.problem, &of.point);
-    changes.truncate(of.rig.sensors.len());
-    changes
+    let changes = one_row_later(&of.problem, &of.point);
+    if changes.is_empty() {
+        return changes;
+    }
+    let sensors = &of.rig.sensors;
+    let together = |is_rate: bool| {
+        let mut own = changes.iter().zip(sensors).filter(|(_, sensor)| sensor.is_rate == is_rate).map(|(c, _)| c);
+        let first = own.next()?.clone();
+        Some(own.fold(first, |all, change| sum(all, change)))
+    };
+    [false, true].into_iter().filter_map(together).collect()
+}
+
+/// Two changes at the same time.
+fn sum(mut all: Change, other: &Change) -> Change {
+    let channels = all.iter_mut().flatten().zip(other.iter().flatten());
+    channels.for_each(|(a, b)| a.iter_mut().zip(b).for_each(|(x, y)| *x += y));
+    all
 }
 
 /// By how much `richer` gains more than `plain` when the instants of both are free within their rows. `gain`: with instants as
@@ -150,6 +167,9 @@ impl FreeRuns for FreeInstants<'_> {
 mod tests {
     use super::*;
     use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::identify::experiment::Recording;
+    use crate::identify::synthesis::record;
+    use crate::model::rig::Rig;
 
     const LATE: &str = "[[effect]]\neffect = \"sensor_delay\"\nat = \"y\"\ndelay = ";
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
@@ -170,6 +190,43 @@ mod tests {
         assert!(gain > 100.0 && beside.abs() < 0.05 * gain, "{gain} {beside}");
         let (gain, beside) = gains(&format!("{LATE}0.03\n"), &late);
         assert!(beside > 0.5 * gain, "{gain} {beside}");
+    }
+
+    /// A pendulum with an encoder on either side of its shaft, of which `late` are 4 ms late: what that delay gains over the machine as
+    /// given, alone and beside the instants.
+    fn gains_of_two(late: &[&str]) -> (f64, f64) {
+        let rig = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
+            [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n\
+            [[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\nnoise_std = 0.001\n\
+            [[sensor]]\nmeasures = \"q1\"\ncolumn = \"z\"\nnoise_std = 0.001\n";
+        let delays = |value: &str| -> String {
+            late.iter()
+                .map(|at| format!("[[effect]]\neffect = \"sensor_delay\"\nat = \"{at}\"\ndelay = {value}\n"))
+                .collect()
+        };
+        let parsed = |text: &str| Rig::parse(&format!("{rig}{text}"), "rig.toml").unwrap();
+        let times: Vec<f64> = (0..200).map(|k| f64::from(k) * 0.01).collect();
+        let input = times.iter().map(|t| libm::sin(9.0 * t)).collect();
+        let blank = Recording::new("a.csv", times, vec![input], vec![vec![0.0; 200]; 2]);
+        let measured = record(&parsed(&delays("0.004")), &blank, &[0.3, 0.0], Some(7)).unwrap().measured;
+        let fitted = |text: &str| {
+            let problem = Problem::new(parsed(text), vec![Recording { measured: measured.clone(), ..blank.clone() }]);
+            let (noise, limits) =
+                ([Colour::white(0.001), Colour::white(0.001)], Limits { iterations: 20, tolerance: 1e-7 });
+            FittedModel::fitted(problem.clone(), problem.start(), &noise, &[1e-5; 2], limits).unwrap()
+        };
+        let (plain, richer) = (fitted(""), fitted(&delays("{ value = 0.002, min = 0.0, max = 0.1 }")));
+        let total = |h: &FittedModel| -> f64 { h.blocks(&richer.noise).iter().sum() };
+        let gain = total(&richer) - total(&plain);
+        (gain, gain_beside_instants(&plain, &richer, (gain, 0.0), None))
+    }
+
+    #[test]
+    fn one_sensor_that_is_late_beside_the_other_is_a_finding_and_both_alike_are_none() {
+        let (gain, beside) = gains_of_two(&["y"]);
+        assert!(gain > 100.0 && beside > 0.3 * gain, "{gain} {beside}");
+        let (gain, beside) = gains_of_two(&["y", "z"]);
+        assert!(gain > 100.0 && beside.abs() < 0.05 * gain, "{gain} {beside}");
     }
 
     #[test]
