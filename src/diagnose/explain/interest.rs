@@ -48,6 +48,23 @@ const REFUTED: &str = "recordings that were not fitted speak against it";
 const CHANCE: &str = "beside the others it gains no more than chance";
 const LATE: &str = "commands and readings are known to a row, touchdowns to some milliseconds, and that explains it";
 
+/// Where nothing was added: the first of the last round, if it gains what would be worth it and instants within their rows explain all
+/// of that (a drive's lag of a quarter of a row).
+#[must_use]
+pub fn explained_by_instants(base: &FittedModel, last: &[CandidateFit], context: &Context) -> Option<Seen> {
+    let CandidateFit { candidate, hypothesis, gain } = last.first()?;
+    let least = detection_threshold(context, candidate.keys.len());
+    let beside = || gain_beside_instants(base, hypothesis, (*gain, least), candidate.only.as_deref());
+    if *gain <= least || beside() > least {
+        return None;
+    }
+    let e = hypothesis.rig.effects.len().checked_sub(1)?;
+    let of = member(&hypothesis.clone().with_intervals(), e);
+    let share = explained_part(base, hypothesis, context);
+    let sentence = sentence::seen(&sentence::describe(&of), share, LATE);
+    Some(Seen { effect: of.effect, at: of.at, share, parameters: of.parameters, sentence })
+}
+
 /// As [`refit_without`] does it.
 const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
@@ -216,6 +233,7 @@ mod tests {
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
     const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = ";
+    const DELAY: &str = "[[effect]]\neffect = \"sensor_delay\"\nat = \"y\"\ndelay = ";
     const OFFSET: &str = "[[effect]]\neffect = \"torque_offset\"\nat = \"q1\"\ntorque = ";
 
     fn free(effect: &str, value: f64, most: f64) -> String {
@@ -283,6 +301,21 @@ mod tests {
         assert!(refuted.added.is_empty());
         assert!(refuted.seen[0].sentence.contains("speak against it"), "{:?}", refuted.seen);
         assert_eq!(asked_elsewhere(&format!("{DRAG}0.004\n")).added.len(), 1);
+    }
+
+    #[test]
+    fn a_delay_within_half_a_row_is_seen_where_nothing_was_added_and_a_longer_one_is_no_matter_of_instants() {
+        let told = |delay_s: f64| {
+            let Shown { context, problem } = shown(&format!("{DELAY}{delay_s}\n"));
+            let base = problem.fitted("", 20, &context);
+            let mut trial = problem.trial("sensor_delay", "y", &free(DELAY, 0.002, 0.2), 25, 0.0, &context);
+            trial.gain = compare(&trial.hypothesis, &base, &context).total;
+            explained_by_instants(&base, &[trial], &context)
+        };
+        let seen = told(0.004).unwrap();
+        assert!(seen.effect == "sensor_delay" && seen.sentence.contains("known to a row"), "{}", seen.sentence);
+        assert!((seen.parameters["delay"].value / 0.004 - 1.0).abs() < 0.2);
+        assert!(told(0.03).is_none() && told(0.0).is_none());
     }
 
     #[test]
