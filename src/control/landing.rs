@@ -120,7 +120,7 @@ impl Landing {
         self.floor.height_m = n.floor_memory * (self.floor.height_m + over);
     }
 
-    /// At a touchdown: ξ² that was expected without what is learnt.
+    /// ξ² that was expected of this step without what is learnt, and its estimate.
     pub(super) fn learn_gain(&mut self, e: &Estimate, expected: f64) {
         let gained = (energy(e) - expected).clamp(-MOST_GAIN, MOST_GAIN);
         let learnt = self.gain_of(e.stance);
@@ -204,7 +204,8 @@ impl Landing {
         self.leg_m * (libm::cos(e.theta_swing_rad) - libm::cos(e.theta_stance_rad)) - toe_m
     }
 
-    const fn gain_of(&self, stance: Leg) -> f64 {
+    /// Gain of ξ² in a step that ends on this leg, as learnt, rad²/s².
+    pub(super) const fn gain_of(&self, stance: Leg) -> f64 {
         let [inner, outer] = self.gain;
         match stance {
             Leg::Inner => inner,
