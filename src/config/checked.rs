@@ -479,8 +479,8 @@ pub struct FootPlacement {
     pub angle_rad: f64,
     /// What it grows by with the speed that is aimed at, rad per m/s.
     pub angle_per_speed_s_m: f64,
-    /// Share of the speed that a step lacks, or has too much, by which the aim changes.
-    pub speed_share: f64,
+    /// What is aimed at beyond grows by so much for each m of the way that a step lacks, m/s per m.
+    pub faster_per_way_1_s: f64,
     /// Smallest swing angle, rad.
     pub least_angle_rad: f64,
     /// Largest swing angle, rad.

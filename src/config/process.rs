@@ -198,7 +198,7 @@ fn foot_placement(r: &Reader<'_>) -> FootPlacement {
         aimed_per_speed: r.number("aimed_per_speed", range(0.0, 10.0, "1")),
         angle_rad: r.number("angle_rad", range(0.02, 0.5, "rad")),
         angle_per_speed_s_m: r.number("angle_per_speed_s_m", range(0.0, 2.0, "rad s/m")),
-        speed_share: r.number("speed_share", range(0.0, 1.0, "1")),
+        faster_per_way_1_s: r.number("faster_per_way_1_s", range(0.0, 2.0, "1/s")),
         least_angle_rad: r.number("least_angle_rad", range(0.0, 0.5, "rad")),
         most_angle_rad: r.number("most_angle_rad", range(0.0, 0.5, "rad")),
         placement_share: r.number("placement_share", range(0.0, 2.0, "1")),

@@ -127,11 +127,13 @@ impl Landing {
         self.set_gain(e.stance, learnt + self.numbers.learning * (gained - learnt));
     }
 
-    /// At a touchdown after a step that took `took_s`: of the speed that it lacked, a share is aimed at beyond from now on.
+    /// At a touchdown after a step that took `took_s`: what is aimed at beyond grows with the way that it lacked.
+    ///
+    /// The way, not the speed: of two steps of different times the mean of the speeds is more than the speed of both.
     pub(super) fn learn_speed(&mut self, e: &Estimate, took_s: f64, asked_m_s: f64) {
         let made_m = self.leg_m * (libm::sin(e.theta_stance_rad) - libm::sin(e.theta_swing_rad));
-        let lacks_m_s = asked_m_s - made_m / took_s.max(SHORTEST_S);
-        let faster_m_s = self.faster_m_s + self.numbers.speed_share * lacks_m_s;
+        let lacks_m = (asked_m_s * took_s - made_m).clamp(-MOST_LACKING_M, MOST_LACKING_M);
+        let faster_m_s = self.faster_m_s + self.numbers.faster_per_way_1_s * lacks_m;
         self.faster_m_s = faster_m_s.clamp(-MOST_FASTER_M_S, MOST_FASTER_M_S);
     }
 
@@ -268,6 +270,8 @@ const MOST_SLOPE_RAD: f64 = 0.06;
 const LEAST_RATE: f64 = 0.05;
 /// Most that is aimed at beyond the steady walk's numbers, m/s: half of a slow walk.
 const MOST_FASTER_M_S: f64 = 0.15;
+/// Longest way that a step is said to lack, m: a whole step.
+const MOST_LACKING_M: f64 = 0.3;
 /// Shortest time of a step, s.
 pub(super) const SHORTEST_S: f64 = 0.2;
 /// Slowest speed that is aimed at, m/s.
@@ -305,5 +309,27 @@ mod tests {
             assert!((longer - per_slope * beyond_rad).abs() < 1e-3, "{slope_rad}: {longer}");
         }
         assert!(per_slope > 0.0);
+    }
+
+    fn landing() -> Landing {
+        let mut landing = Landing::new(&crate::config::load(None, &[]).unwrap().config);
+        landing.reset();
+        landing
+    }
+
+    #[test]
+    fn a_limp_that_makes_the_way_in_time_is_at_the_speed_that_is_asked_for() {
+        let mut landing = landing();
+        let e = Estimate { theta_stance_rad: 0.15, theta_swing_rad: -0.15, ..Estimate::default() };
+        let stride_m = 2.0 * landing.leg_m * libm::sin(0.15);
+        // Two equal strides, one in half of the other's time.
+        let asked_m_s = 2.0 * stride_m / 1.5;
+        for took_s in [0.5, 1.0].repeat(20) {
+            landing.learn_speed(&e, took_s, asked_m_s);
+        }
+        assert!(landing.faster_m_s.abs() < 1e-12, "{}", landing.faster_m_s);
+        landing.learn_speed(&e, 1.0, asked_m_s);
+        let lacks_m = asked_m_s - stride_m;
+        assert!((landing.faster_m_s - landing.numbers.faster_per_way_1_s * lacks_m).abs() < 1e-12 && lacks_m > 0.0);
     }
 }
