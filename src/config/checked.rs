@@ -547,8 +547,6 @@ pub struct FootPlacement {
     pub push_m: f64,
     /// Push that is longer for a speed above `speed_m_s`, m per m/s.
     pub push_per_speed_s: f64,
-    /// And for each rad²/s² of squared passing rate that the next step would lack, m s²/rad².
-    pub push_per_energy_m_s2_rad2: f64,
     /// Smallest push-off, m; below zero the toe gives way.
     pub push_least_m: f64,
     /// Largest push-off, m.

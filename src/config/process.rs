@@ -232,7 +232,6 @@ fn foot_placement(r: &Reader<'_>) -> FootPlacement {
         angle_per_slope: r.number("angle_per_slope", range(-5.0, 5.0, "1")),
         push_m: r.number("push_m", range(0.0, 0.2, "m")),
         push_per_speed_s: r.number("push_per_speed_s", range(-0.2, 0.2, "s")),
-        push_per_energy_m_s2_rad2: r.number("push_per_energy_m_s2_rad2", range(0.0, 1.0, "m s^2/rad^2")),
         push_least_m: r.number("push_least_m", range(-0.04, 0.04, "m")),
         push_most_m: r.number("push_most_m", range(0.0, 0.2, "m")),
         back_rad: r.number("back_rad", range(0.0, 0.5, "rad")),

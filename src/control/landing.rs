@@ -193,11 +193,11 @@ impl Landing {
         Foothold { angle_rad, push_m, gain }
     }
 
-    /// Push-off that makes up for the energy that the next step would lack, and the ξ² that it is worth beyond the steady one.
+    /// Push-off that makes up for all the energy that the next step would lack, and the ξ² that it is worth beyond the steady one.
     fn push(&self, e: &Estimate, wanted: f64, angle_rad: f64, steady_m: f64) -> (f64, f64) {
         let n = &self.numbers;
         let lacks = wanted - self.next_energy(e, angle_rad) - self.gain_of(e.stance.other());
-        let push_m = (steady_m + n.push_per_energy_m_s2_rad2 * lacks).clamp(n.push_least_m, n.push_most_m);
+        let push_m = (steady_m + lacks / PUSH_GAIN).clamp(n.push_least_m, n.push_most_m);
         (push_m, PUSH_GAIN * (push_m - steady_m))
     }
 
@@ -331,5 +331,20 @@ mod tests {
         landing.learn_speed(&e, 1.0, asked_m_s);
         let lacks_m = asked_m_s - stride_m;
         assert!((landing.faster_m_s - landing.numbers.faster_per_way_1_s * lacks_m).abs() < 1e-12 && lacks_m > 0.0);
+    }
+
+    #[test]
+    fn all_that_the_next_step_would_lack_is_pushed_where_the_toe_has_the_length() {
+        let mut landing = landing();
+        let (wanted_rad, speed_m_s) = (landing.steady_rad(0.4), landing.aimed_m_s(0.4));
+        let passing = passing_rad_s(wanted_rad, speed_m_s / landing.leg_m);
+        let e = Estimate { theta_stance_rad_s: -passing, ..Estimate::default() };
+        let goal = landing.aim(&e, 0.4);
+        let next = landing.next_energy(&e, wanted_rad) + landing.gain_of(e.stance.other()) + goal.gain;
+        assert!((next - passing * passing).abs() < 1e-12, "{next} {passing}");
+        assert!(goal.push_m > landing.numbers.push_least_m && goal.push_m < landing.numbers.push_most_m);
+        // And no more than it has.
+        landing.gain = [-1.0; 2];
+        assert!((landing.aim(&e, 0.4).push_m - landing.numbers.push_most_m).abs() < 1e-12);
     }
 }
