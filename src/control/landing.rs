@@ -64,6 +64,17 @@ impl Steady {
         }
     }
 
+    /// Speed to aim at for one that is asked for, before anything is learnt, m/s: a foothold makes up for a share of an error
+    /// only, so the robot walks slower than aimed at.
+    fn aimed_for(&self, asked_m_s: f64) -> f64 {
+        self.aimed_m_s + self.aimed_per_speed * (asked_m_s - self.speed_m_s)
+    }
+
+    /// Swing angle at touchdown on level floor for a speed that is asked for, rad.
+    fn angle_for(&self, asked_m_s: f64) -> f64 {
+        self.angle_rad + self.angle_per_speed_s_m * (self.aimed_for(asked_m_s) - self.aimed_m_s)
+    }
+
     /// Of a planned orbit: at its speed its swing angle; a change of speed is left to the steps' number.
     pub(super) const fn of_orbit(speed_m_s: f64, angle_rad: f64) -> Self {
         Self { speed_m_s, aimed_m_s: speed_m_s, aimed_per_speed: 1.0, angle_rad, angle_per_speed_s_m: 0.0 }
@@ -137,11 +148,12 @@ impl Landing {
         self.faster_m_s = faster_m_s.clamp(-MOST_FASTER_M_S, MOST_FASTER_M_S);
     }
 
-    /// Swing angle at touchdown in steady walking at a speed, rad.
-    pub(super) fn steady_rad(&self, speed_m_s: f64) -> f64 {
-        let s = &self.steady;
-        let aimed_m_s = self.aimed_m_s(speed_m_s);
-        let level_rad = s.angle_rad + s.angle_per_speed_s_m * (aimed_m_s - s.aimed_m_s);
+    /// Swing angle at touchdown in steady walking at a speed that is asked for, rad.
+    ///
+    /// What is learnt of the speed changes the passing rate, not this: shorter steps of a robot that is too fast would lose less,
+    /// and it would be faster still, until its swing leg comes too late.
+    pub(super) fn steady_rad(&self, asked_m_s: f64) -> f64 {
+        let level_rad = self.steady.angle_for(asked_m_s);
         (level_rad + self.numbers.angle_per_slope * self.downhill_rad(level_rad)).clamp(LEAST_RAD, MOST_RAD)
     }
 
@@ -152,11 +164,9 @@ impl Landing {
         libm::copysign(beyond_rad, slope_rad)
     }
 
-    /// Speed to aim at for one that is asked for, m/s: a foothold makes up for a share of an error only, so the robot walks
-    /// slower than aimed at.
+    /// Speed to aim at for one that is asked for, m/s.
     fn aimed_m_s(&self, speed_m_s: f64) -> f64 {
-        let s = &self.steady;
-        (s.aimed_m_s + s.aimed_per_speed * (speed_m_s - s.speed_m_s) + self.faster_m_s).max(SLOWEST_M_S)
+        (self.steady.aimed_for(speed_m_s) + self.faster_m_s).max(SLOWEST_M_S)
     }
 
     /// Length of the legs, m.
@@ -331,6 +341,16 @@ mod tests {
         landing.learn_speed(&e, 1.0, asked_m_s);
         let lacks_m = asked_m_s - stride_m;
         assert!((landing.faster_m_s - landing.numbers.faster_per_way_1_s * lacks_m).abs() < 1e-12 && lacks_m > 0.0);
+    }
+
+    #[test]
+    fn a_robot_that_is_too_fast_aims_at_slower_steps_not_at_shorter_ones() {
+        let mut landing = landing();
+        let e = Estimate { theta_stance_rad: 0.15, theta_swing_rad: -0.15, ..Estimate::default() };
+        let (angle_rad, aimed_m_s) = (landing.steady_rad(0.4), landing.aimed_m_s(0.4));
+        (0..20).for_each(|_| landing.learn_speed(&e, 0.5, 0.4));
+        assert!(landing.aimed_m_s(0.4) < aimed_m_s - 0.1);
+        assert!((landing.steady_rad(0.4) - angle_rad).abs() < 1e-12);
     }
 
     #[test]
