@@ -501,8 +501,9 @@ pub struct FootPlacement {
     pub lead_s: f64,
     /// Longest swing, s.
     pub longest_swing_s: f64,
-    /// Squared passing rate below which the swing leg reaches farther ahead until the vertical is passed, rad²/s².
-    pub slow_energy: f64,
+    /// With less than this share of the squared passing rate of the walk that is asked for the swing leg reaches farther ahead
+    /// until the vertical is passed.
+    pub slow_share: f64,
     /// By so much, rad per rad²/s².
     pub reach_per_energy: f64,
     /// At most by so much, rad.

@@ -209,7 +209,7 @@ fn foot_placement(r: &Reader<'_>) -> FootPlacement {
         first_angle_rad: r.number("first_angle_rad", range(0.0, 0.5, "rad")),
         lead_s: r.number("lead_s", range(0.0, 0.5, "s")),
         longest_swing_s: r.number("longest_swing_s", range(0.05, 2.0, "s")),
-        slow_energy: r.number("slow_energy", range(-1.0, 1.0, "rad^2/s^2")),
+        slow_share: r.number("slow_share", range(0.0, 1.0, "1")),
         reach_per_energy: r.number("reach_per_energy", range(0.0, 20.0, "s^2/rad")),
         reach_most_rad: r.number("reach_most_rad", range(0.0, 0.6, "rad")),
         shortest_swing_s: r.number("shortest_swing_s", range(0.05, 2.0, "s")),

@@ -204,7 +204,8 @@ impl FootPlacement {
         if since_s > step.lands_s - n.frozen_s && since_s > n.frozen_s {
             return;
         }
-        let foothold = if step.is_first { self.landing.aim_first(e) } else { self.landing.aim(e, speed_m_s) };
+        let foothold =
+            if step.is_first { self.landing.aim_first(e, speed_m_s) } else { self.landing.aim(e, speed_m_s) };
         (step.goal_rad, step.push_m) = (foothold.angle_rad, foothold.push_m);
         step.next = self.landing.next_energy(e, step.goal_rad) + foothold.gain;
         step.lands_s = (since_s + time_to(e, -step.goal_rad)).min(LONGEST_S);
@@ -215,7 +216,7 @@ impl FootPlacement {
     /// The weight of a leg far ahead helps a slow robot over the vertical.
     fn reach(&self, step: &mut Step, e: &Estimate, speed_m_s: f64) {
         let n = &self.numbers;
-        let lacks = (n.slow_energy - energy(e)).max(0.0);
+        let lacks = (self.landing.slow_energy(speed_m_s) - energy(e)).max(0.0);
         let is_behind = !step.is_first && e.theta_stance_rad > 0.0 && speed_m_s > 0.0;
         let wanted_rad = if is_behind { (n.reach_per_energy * lacks).min(n.reach_most_rad) } else { 0.0 };
         step.reach_rad += REACH_SHARE * (wanted_rad - step.reach_rad);

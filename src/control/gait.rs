@@ -98,7 +98,7 @@ impl Gait {
         let elastic = e;
         let e = &self.compliance.slow(elastic);
         if self.stance.replace(e.stance) != Some(e.stance) {
-            self.choose(now, e, seen, motion);
+            self.choose(now, e, seen, speed_m_s, motion);
         } else if self.in_charge && falls_back(e) {
             // No gait that goes forward catches it; a step backwards does.
             self.placement.take_over(now, e, seen);
@@ -122,11 +122,11 @@ impl Gait {
     }
 
     /// At a touchdown: who is in charge of the step that begins.
-    fn choose(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot, motion: Motion) {
+    fn choose(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot, speed_m_s: f64, motion: Motion) {
         let own = motion == Motion::Walk
             && match &self.own {
                 Own::Placement | Own::Rebalance(_) => false,
-                Own::Virtual(law) => law.holds(e),
+                Own::Virtual(_) => VirtualConstraint::holds(e, speed_m_s, &self.placement.landing),
                 Own::Transverse(law) => law.holds(e, self.in_charge),
             };
         if own && !self.in_charge {

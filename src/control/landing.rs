@@ -169,6 +169,14 @@ impl Landing {
         (self.steady.aimed_for(speed_m_s) + self.faster_m_s).max(SLOWEST_M_S)
     }
 
+    /// ξ² below which a step is too slow, rad²/s²: a share of what level walking at exactly the speed that is asked for has. A
+    /// slow walk passes the vertical slowly by itself.
+    pub(super) fn slow_energy(&self, asked_m_s: f64) -> f64 {
+        let angle_rad = self.steady.angle_for(asked_m_s).clamp(LEAST_RAD, MOST_RAD);
+        let passing = passing_rad_s(angle_rad, asked_m_s / self.leg_m);
+        self.numbers.slow_share * passing * passing
+    }
+
     /// Length of the legs, m.
     pub(super) const fn leg_m(&self) -> f64 {
         self.leg_m
@@ -196,10 +204,11 @@ impl Landing {
     }
 
     /// The first step, out of balance: what is lacking is pushed, and the step is no longer than it can be passed.
-    pub(super) fn aim_first(&self, e: &Estimate) -> Foothold {
+    pub(super) fn aim_first(&self, e: &Estimate, speed_m_s: f64) -> Foothold {
         let n = &self.numbers;
-        let (push_m, gain) = self.push(e, n.slow_energy, n.first_angle_rad, n.first_push_m);
-        let angle_rad = self.passable(e, n.slow_energy, gain).clamp(n.least_angle_rad, n.first_angle_rad);
+        let wanted = self.slow_energy(speed_m_s);
+        let (push_m, gain) = self.push(e, wanted, n.first_angle_rad, n.first_push_m);
+        let angle_rad = self.passable(e, wanted, gain).clamp(n.least_angle_rad, n.first_angle_rad);
         Foothold { angle_rad, push_m, gain }
     }
 
@@ -325,6 +334,22 @@ mod tests {
         let mut landing = Landing::new(&crate::config::load(None, &[]).unwrap().config);
         landing.reset();
         landing
+    }
+
+    #[test]
+    fn a_walk_at_the_speed_that_is_asked_for_is_never_too_slow() {
+        let landing = landing();
+        let share = landing.numbers.slow_share;
+        let mut last = 0.0;
+        for asked_m_s in [0.2, 0.3, 0.4, 0.5, 0.6] {
+            let passing = passing_rad_s(landing.steady_rad(asked_m_s), asked_m_s / landing.leg_m);
+            let slow = landing.slow_energy(asked_m_s);
+            assert!(
+                (slow - share * passing * passing).abs() < 1e-12 && slow > last && share < 1.0,
+                "{asked_m_s}: {slow}"
+            );
+            last = slow;
+        }
     }
 
     #[test]

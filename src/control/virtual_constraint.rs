@@ -68,8 +68,8 @@ impl VirtualConstraint {
 
     /// At a touchdown: does the robot pass the vertical without help? Foot placement's swing leg reaches ahead where it does
     /// not, which a curve by the stance angle cannot.
-    pub(super) fn holds(&self, e: &Estimate) -> bool {
-        energy(e) > self.shared.slow_energy
+    pub(super) fn holds(e: &Estimate, speed_m_s: f64, landing: &Landing) -> bool {
+        energy(e) > landing.slow_energy(speed_m_s)
     }
 
     /// Torque and toes for this state.
