@@ -268,13 +268,14 @@ fn above(residuals: &Residuals, noise: &[Colour]) -> f64 {
 
 /// Squares of the change between two models.
 fn changed(with: &Residuals, without: &Residuals, noise: &[Colour]) -> f64 {
-    let between = |(a, b): (&Vec<f64>, &Vec<f64>)| -> Vec<f64> { a.iter().zip(b).map(|(x, y)| x - y).collect() };
-    let of_channel = |((a, b), colour): ((&Vec<Vec<f64>>, &Vec<Vec<f64>>), &Colour)| -> f64 {
-        let has_weight = colour.sigma > 0.0 && colour.sigma.is_finite();
-        let squares = a.iter().zip(b).flat_map(between).map(|x| (x / colour.sigma).powi(2));
-        if has_weight { squares.sum() } else { 0.0 }
-    };
-    with.iter().zip(without).zip(noise).map(of_channel).sum()
+    let mut squares = 0.0;
+    for ((a, b), colour) in with.iter().zip(without).zip(noise) {
+        if colour.sigma > 0.0 && colour.sigma.is_finite() {
+            let apart = a.iter().flatten().zip(b.iter().flatten()).map(|(x, y)| (x - y) / colour.sigma);
+            squares += apart.map(|x| x * x).sum::<f64>();
+        }
+    }
+    squares
 }
 
 /// What is left of `without`, which is all of it where there is nothing.

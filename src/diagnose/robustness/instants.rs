@@ -28,7 +28,7 @@ fn readings_later(of: &FittedModel) -> Vec<Change> {
     let together = |is_rate: bool| {
         let mut own = changes.iter().zip(sensors).filter(|(_, sensor)| sensor.is_rate == is_rate).map(|(c, _)| c);
         let first = own.next()?.clone();
-        Some(own.fold(first, |all, change| sum(all, change)))
+        Some(own.fold(first, sum))
     };
     [false, true].into_iter().filter_map(together).collect()
 }
