@@ -3,8 +3,8 @@
 //! An effect that only bends to the recordings it was fitted to costs elsewhere: a limit of a drive on top of the friction that
 //! is the truth, a bristle on top of a leg's Coulomb friction. Nothing is fitted here but how each window begins.
 //!
-//! What happens at one instant of one recording is in no other. It is asked in its own, cut at other instants: in the middle of
-//! each window a new one begins, so that what the state at a window's start had taken over is no longer where it was.
+//! What happens at one instant of one recording is in no other. It is asked in its own, cut at other instants, so that what the state at
+//! a window's start had taken over is no longer where it was.
 //! RT: no.
 
 use crate::diagnose::judge::criterion::Context;
@@ -112,6 +112,21 @@ fn cuts(rows: &[&Range<usize>], instant: Option<usize>) -> Vec<usize> {
     (begins % rows_of..last.end).step_by(rows_of).filter(|row| *row > first.start).collect()
 }
 
+/// When the event `candidate` happened that `with` has and `without` has not, s. Of several of its kind in one recording it is the one
+/// that is farthest from those of `without`.
+fn instant_s(candidate: &Candidate, with: &FittedModel, without: &FittedModel) -> Option<f64> {
+    let is_it = |effect: &&Effect| {
+        let is_there = candidate.only.as_ref().is_some_and(|only| effect.recordings.contains(only));
+        effect.kind.id() == candidate.effect && effect.at == candidate.at && is_there
+    };
+    let instants = |of: &FittedModel| -> Vec<f64> {
+        of.rig.effects.iter().filter(is_it).filter_map(|effect| effect.get("time")).map(|time| time.value).collect()
+    };
+    let others = instants(without);
+    let apart = |at_s: f64| others.iter().map(|other| (at_s - other).abs()).fold(f64::INFINITY, f64::min);
+    instants(with).into_iter().max_by(|a, b| apart(*a).total_cmp(&apart(*b)))
+}
+
 /// `of` in the windows of `problem`, each from the state that suits it best.
 fn started(problem: Problem, of: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
     let noise = white(&of.residuals, floors);
@@ -151,8 +166,7 @@ impl Confirmation {
         context: &Context,
     ) -> Option<Self> {
         let Some(only) = &candidate.only else { return Self::on_kept_back(with, without, context) };
-        let is_it = |effect: &&Effect| effect.kind.id() == candidate.effect && effect.recordings.contains(only);
-        let instant_s = with.rig.effects.iter().rev().find(is_it).and_then(|effect| Some(effect.get("time")?.value));
+        let instant_s = instant_s(candidate, with, without);
         let own =
             |of: &FittedModel| Some(cut_elsewhere(of, |r| r.name == *only, instant_s, &context.floors)?.residuals);
         let (happened, not) = (own(with)?, own(without)?);
@@ -339,6 +353,19 @@ mod tests {
         assert_eq!(cuts(&rows, Some(190)), [65, 165, 265], "a quarter behind the cut, not nine tenths");
         assert_eq!(cuts(&rows, Some(110)), [60, 160, 260], "half, not a tenth");
         assert_eq!(cuts(&rows, Some(5)), [55, 155, 255], "what comes before the first row is no window");
+    }
+
+    #[test]
+    fn of_two_pushes_the_one_is_asked_that_the_other_model_lacks() {
+        let Shown { context, problem } = shown("");
+        let push = |at_s: f64| {
+            format!("{PUSH}{{ value = 0.01, min = -1.0, max = 1.0 }}\ntime = {at_s}\nrecordings = [\"a.csv\"]\n")
+        };
+        let with = problem.fitted(&(push(0.6) + &push(1.4)), 1, &context);
+        let candidate = Candidate { only: Some("a.csv".into()), ..problem.candidate("external_push", "q1") };
+        let asked = |kept: &str| instant_s(&candidate, &with, &problem.fitted(kept, 1, &context)).unwrap();
+        assert!((asked(&push(1.4)) - 0.6).abs() < 1e-9 && (asked(&push(0.6)) - 1.4).abs() < 1e-9);
+        assert!((asked("") - 1.4).abs() < 1e-9, "the last that was added");
     }
 
     #[test]
