@@ -4,7 +4,7 @@
 
 use crate::diagnose::explain::answer_sets::{answer_sets, rejected};
 use crate::diagnose::explain::headline::{costs, headline};
-use crate::diagnose::explain::interest::{Kept, explained_by_instants, split_by_interest, undetermined};
+use crate::diagnose::explain::interest::{Kept, split_by_interest, undetermined, within_its_row};
 use crate::diagnose::explain::laws;
 use crate::diagnose::explain::localise::places;
 use crate::diagnose::explain::sentence;
@@ -228,7 +228,7 @@ fn finished(
     let (rest, small) = split_by_interest(rest, options.least_share);
     seen.extend(small);
     if added.is_empty() && rest.is_none() && seen.is_empty() {
-        seen.extend(explained_by_instants(&base, &last, context));
+        seen.extend(within_its_row(&base, &last, context));
     }
     seen.iter().for_each(|one| said(&one.sentence));
     Found { given, base: base.with_intervals(), found: found.with_intervals(), added, seen, rest, refit_needed }

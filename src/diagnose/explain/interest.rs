@@ -51,7 +51,7 @@ const LATE: &str = "commands and readings are known to a row, touchdowns to some
 /// Where nothing was added: the first of the last round, if it gains what would be worth it and instants within their rows explain all
 /// of that (a drive's lag of a quarter of a row).
 #[must_use]
-pub fn explained_by_instants(base: &FittedModel, last: &[CandidateFit], context: &Context) -> Option<Seen> {
+pub fn within_its_row(base: &FittedModel, last: &[CandidateFit], context: &Context) -> Option<Seen> {
     let CandidateFit { candidate, hypothesis, gain } = last.first()?;
     let least = detection_threshold(context, candidate.keys.len());
     let beside = || gain_beside_instants(base, hypothesis, (*gain, least), candidate.only.as_deref());
@@ -310,7 +310,7 @@ mod tests {
             let base = problem.fitted("", 20, &context);
             let mut trial = problem.trial("sensor_delay", "y", &free(DELAY, 0.002, 0.2), 25, 0.0, &context);
             trial.gain = compare(&trial.hypothesis, &base, &context).total;
-            explained_by_instants(&base, &[trial], &context)
+            within_its_row(&base, &[trial], &context)
         };
         let seen = told(0.004).unwrap();
         assert!(seen.effect == "sensor_delay" && seen.sentence.contains("known to a row"), "{}", seen.sentence);
