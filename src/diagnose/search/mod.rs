@@ -7,6 +7,7 @@ pub(in crate::diagnose) mod budget;
 pub mod candidate_fit;
 pub mod converge_rivals;
 pub mod exchange;
+pub(in crate::diagnose) mod joint_pair;
 pub mod pairwise_exchange;
 pub mod ridge_restarts;
 pub mod round;

@@ -460,6 +460,16 @@ pub fn polish(base: &FittedModel, trials: &mut [CandidateFit], context: &Context
     rank(base, trials, context);
 }
 
+/// Says how the candidates of a round did.
+pub(super) fn tell(trials: &[CandidateFit], context: &Context, said: &mut dyn FnMut(&str)) {
+    for t in trials.iter().take(6) {
+        let effect = t.hypothesis.rig.effects.last();
+        let values: Vec<f64> = effect.map(|e| e.values.iter().map(|v| v.value).collect()).unwrap_or_default();
+        let (effect, at) = (t.candidate.effect, &t.candidate.at);
+        said(&format!("   {effect:20} {at:12} gain {:9.1} of {} {values:.4?}", t.gain, context.samples));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

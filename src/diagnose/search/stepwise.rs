@@ -8,17 +8,17 @@ use crate::diagnose::judge::accept::{is_accepted, is_admissible};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::exchange::only_freed_the_fit;
 use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here};
-use crate::diagnose::judge::numbers::{KEPT, LOCAL_TERMS, NEARLY};
+use crate::diagnose::judge::numbers::{LOCAL_TERMS, NEARLY};
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
-use crate::diagnose::judge::verdict::is_far_beyond_chance;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::cross_validation::LeaveOneRecordingOut;
 use crate::diagnose::search::basin_hopping::escape_local_minimum;
 use crate::diagnose::search::budget::{allowance, is_spent, within};
 use crate::diagnose::search::candidate_fit::{CandidateFit, MOST_EFFORT, SelectedEffect, refit_without};
 use crate::diagnose::search::exchange::exchange_near_rivals;
-use crate::diagnose::search::round::{Asked, Start, merged, promises_little, round};
-use crate::diagnose::search::runners_up::{COMPANIONS, LEADS, runners_up};
+use crate::diagnose::search::joint_pair::add_jointly;
+use crate::diagnose::search::round::{Asked, Start, merged, promises_little, round, tell};
+use crate::diagnose::search::runners_up::{LEADS, runners_up};
 use crate::identify::base_fit::anew;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
@@ -410,7 +410,9 @@ impl<'s> Search<'s> {
     /// True if two candidates that hide each other were added together.
     fn adds_pair(&mut self, left_out: Option<&LeaveOneRecordingOut>, said: &mut dyn FnMut(&str)) -> bool {
         let left_out = left_out.filter(|_| self.all.added.is_empty() && self.has_time());
-        let Some(pair) = left_out.and_then(|l| add_jointly(&self.all, self.library, l, self.context, said)) else {
+        let Some(pair) =
+            left_out.and_then(|l| add_jointly(&self.all.found, &self.all.last, self.library, l, self.context, said))
+        else {
             return false;
         };
         for trial in pair {
@@ -419,63 +421,6 @@ impl<'s> Search<'s> {
             self.all.add(trial, self.context);
         }
         true
-    }
-}
-
-/// A leader that does not hold on recordings left out, and the effect that makes it hold: two that hide each other look, one
-/// at a time, like nothing that is true (an offset beside friction that falls with speed). Both together must leave but noise.
-fn add_jointly(
-    all: &Selection,
-    library: &dyn Fn(&FittedModel) -> Vec<Candidate>,
-    left_out: &LeaveOneRecordingOut,
-    context: &Context,
-    said: &mut dyn FnMut(&str),
-) -> Option<[CandidateFit; 2]> {
-    let mut leaders: Vec<&CandidateFit> = Vec::new();
-    for trial in all.last.iter().filter(|t| is_far_beyond_chance(t.gain, t.candidate.keys.len(), context)) {
-        let e = trial.hypothesis.rig.effects.len() - 1;
-        let is_new = leaders.iter().all(|l| l.candidate.effect != trial.candidate.effect);
-        if is_new && !is_local_here(&all.found, &trial.candidate) && is_admissible(&trial.hypothesis, e, context) {
-            leaders.push(trial);
-        }
-    }
-    let most = leaders.first().map_or(0.0, |l| l.gain);
-    leaders.retain(|l| l.gain > LEADS * most);
-    // Who has few numbers makes up for little of what the other does, and is soon asked.
-    leaders.sort_by_key(|l| l.candidate.keys.iter().filter(|k| k.max > k.min).count());
-    for leader in leaders.into_iter().take(COMPANIONS) {
-        let now = &leader.hypothesis;
-        if now.problem.effort.spent() > MOST_EFFORT / 3 * 2 {
-            return None;
-        }
-        said(&format!("   with {}@{} for company", leader.candidate.effect, leader.candidate.at));
-        let asked = Asked { library: &library(now), near: &[] };
-        let mut seconds = round(now, (now, Vec::new()), asked, context, &mut *said);
-        tell(&seconds, context, said);
-        order_by_penalised_gain(&mut seconds, context);
-        let Some(second) = seconds.first().filter(|s| !is_misfit(&s.hypothesis.residuals, &context.floors)) else {
-            continue;
-        };
-        let kept = left_out.cross_validated_gain_ratio(&second.hypothesis, &context.floors).unwrap_or(0.0);
-        said(&format!("   with {} both keep {kept:.2} of their gain on recordings left out", second.candidate.effect));
-        let alone = || {
-            LeaveOneRecordingOut::of(now, &context.floors)?
-                .cross_validated_gain_ratio(&second.hypothesis, &context.floors)
-        };
-        if kept >= KEPT && is_accepted(now, (second, &seconds), leader.gain, alone, context, said) {
-            return Some([leader.clone(), second.clone()]);
-        }
-    }
-    None
-}
-
-/// Says how the candidates of a round did.
-fn tell(trials: &[CandidateFit], context: &Context, said: &mut dyn FnMut(&str)) {
-    for t in trials.iter().take(6) {
-        let effect = t.hypothesis.rig.effects.last();
-        let values: Vec<f64> = effect.map(|e| e.values.iter().map(|v| v.value).collect()).unwrap_or_default();
-        let (effect, at) = (t.candidate.effect, &t.candidate.at);
-        said(&format!("   {effect:20} {at:12} gain {:9.1} of {} {values:.4?}", t.gain, context.samples));
     }
 }
 
