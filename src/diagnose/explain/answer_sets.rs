@@ -6,7 +6,7 @@ use crate::diagnose::explain::sentence;
 use crate::diagnose::explain::tables::{estimates, step_s};
 use crate::diagnose::judge::credible_set::weight_in_set;
 use crate::diagnose::judge::criterion::{Context, detection_threshold};
-use crate::diagnose::judge::numbers::{MEMBERS, TWIN_WEIGHT};
+use crate::diagnose::judge::numbers::MEMBERS;
 use crate::diagnose::judge::verdict::{Estimate, Member, Missing, Rejected};
 use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::identify::fitted_model::FittedModel;
@@ -88,7 +88,7 @@ fn twins(of: &Member) -> Vec<Member> {
     let turned = |effect: &str, key: &str, from: &str| {
         let estimate = of.parameters.get(from).map(|e| e.negated());
         let parameters = estimate.into_iter().map(|e| (key.to_owned(), e)).collect();
-        Member { effect: effect.into(), at: of.at.clone(), weight: TWIN_WEIGHT, parameters }
+        Member { effect: effect.into(), at: of.at.clone(), weight: 1.0, parameters }
     };
     match of.effect.as_str() {
         "torque_offset" => vec![turned("friction_asymmetry", "difference", "torque")],

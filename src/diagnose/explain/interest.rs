@@ -9,7 +9,7 @@ use crate::diagnose::explain::sentence;
 use crate::diagnose::judge::accept::{is_admissible, strength_is_undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
-use crate::diagnose::judge::numbers::MEMBER_GAIN;
+use crate::diagnose::judge::numbers::GREATER_PART;
 use crate::diagnose::judge::verdict::{Member, Seen, is_material};
 use crate::diagnose::nameless::residual_force::Unlisted;
 use crate::diagnose::robustness::held_out::Confirmation;
@@ -165,7 +165,7 @@ impl Kept {
         let stands = |t: &CandidateFit| {
             let comparable = t.hypothesis.rig.effects.len() == self.found.rig.effects.len();
             comparable
-                && t.gain > MEMBER_GAIN * gain
+                && t.gain > GREATER_PART * gain
                 && is_admissible(&t.hypothesis, e, context)
                 && !is_overly_flexible(&self.found, t, context)
                 && !strength_is_undetermined(&t.hypothesis.clone().with_intervals(), e)

@@ -7,8 +7,7 @@ use super::criterion::{Context, compare, detection_threshold};
 use super::evidence::{Comparison, Evidence};
 use super::flexibility::is_overly_flexible;
 use super::numbers::{
-    AT_BOUND, BEYOND_DOUBT, FURTHER, FURTHER_ALONE, FURTHER_IN_MISFIT, KEPT, LEAST_SWINGS, NEARLY, NOTICED_PER_SAMPLE,
-    STRENGTH_DEVIATIONS,
+    AT_BOUND, DEVIATIONS, FAR_BEYOND_CHANCE, FORM, LEAST_PERIODS, LEAST_SHARE, QUARTER, ROUGH_FORM,
 };
 use crate::diagnose::explain::tables::estimates;
 use crate::diagnose::library::candidates::Candidate;
@@ -28,10 +27,10 @@ fn has_bristle(now: &FittedModel) -> bool {
     now.rig.effects.iter().any(|effect| effect.kind == EffectKind::Presliding)
 }
 
-/// True if `trial` explains enough to be accepted. `all`: the trials of its round.
+/// True if `trial` explains enough to be accepted.
 fn explains_enough(
     base: &FittedModel,
-    (trial, all): (&CandidateFit, &[CandidateFit]),
+    trial: &CandidateFit,
     explained_before: f64,
     context: &Context,
 ) -> bool {
@@ -39,15 +38,10 @@ fn explains_enough(
     // A second effect must not live off the first one's imperfect form.
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
     let inexact = misfit || has_bristle(base);
-    let other = |t: &CandidateFit| t.candidate.effect != trial.candidate.effect && t.gain > NEARLY * trial.gain;
-    let least = match (inexact, all.iter().any(other)) {
-        (true, _) => FURTHER_IN_MISFIT,
-        (false, true) => FURTHER,
-        (false, false) => FURTHER_ALONE,
-    };
+    let least = if inexact { ROUGH_FORM } else { FORM };
     let share = trial.gain >= least * explained_before;
-    // Against smooth misfit chance has no measure: a tenth of the squares is the least that a user would notice.
-    let noticed = !misfit || trial.gain > NOTICED_PER_SAMPLE * context.samples as f64;
+    // Against smooth misfit chance has no measure: what matters to a user has.
+    let noticed = !misfit || trial.gain > LEAST_SHARE * context.samples as f64;
     let admitted = noticed && !is_overly_flexible(base, trial, context);
     trial.gain > detection_threshold(context, trial.candidate.keys.len())
         && is_significant(&trial.candidate, sure)
@@ -101,7 +95,7 @@ pub fn is_accepted(
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> bool {
-    let by_rule = obeys_the_rules(now, (trial, all), explained, kept, context, said);
+    let by_rule = obeys_the_rules(now, trial, explained, kept, context, said);
     let evidence = Evidence::over(now, &trial.hypothesis, trial.gain, all.len());
     context.ledger.note(Comparison {
         question: "accept",
@@ -118,13 +112,13 @@ pub fn is_accepted(
 
 fn obeys_the_rules(
     now: &FittedModel,
-    (trial, all): (&CandidateFit, &[CandidateFit]),
+    trial: &CandidateFit,
     explained: f64,
     kept: impl FnOnce() -> Option<f64>,
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> bool {
-    if !explains_enough(now, (trial, all), explained, context) {
+    if !explains_enough(now, trial, explained, context) {
         return false;
     }
     let effect = trial.candidate.effect;
@@ -136,7 +130,7 @@ fn obeys_the_rules(
     }
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
     // A strength that a base parameter shares is uncertain; that it is none is not, with a gain like this.
-    let beyond_doubt = !misfit && trial.gain > BEYOND_DOUBT * threshold;
+    let beyond_doubt = !misfit && trial.gain > FAR_BEYOND_CHANCE * threshold;
     let last = trial.hypothesis.rig.effects.len().saturating_sub(1);
     if !beyond_doubt && strength_is_undetermined(&trial.hypothesis.clone().with_intervals(), last) {
         said(&format!("   {effect} is not two deviations from nothing"));
@@ -153,7 +147,7 @@ fn obeys_the_rules(
     }
     let Some(kept) = kept() else { return true };
     said(&format!("   {effect} keeps {kept:.2} of its gain on recordings left out"));
-    if kept >= KEPT || trial.candidate.only.is_some() {
+    if kept >= QUARTER || trial.candidate.only.is_some() {
         return true;
     }
     // What few recordings say of one another, when one is left out, is less than what those say that no fit saw.
@@ -174,7 +168,7 @@ pub fn strength_is_undetermined(of: &FittedModel, e: usize) -> bool {
     let unsure = |(k, key): (usize, &Key)| {
         let Role::Strength(nothing) = key.role else { return false };
         let fitted = of.problem.theta.index_of_slot(Slot::Effect(Scope::Rig, e, k)).map(|i| known[i].1);
-        fitted.is_some_and(|x| (x.value - nothing).abs() < STRENGTH_DEVIATIONS * x.std)
+        fitted.is_some_and(|x| (x.value - nothing).abs() < DEVIATIONS * x.std)
     };
     effect.kind.keys().iter().enumerate().any(unsure)
 }
@@ -190,7 +184,7 @@ fn is_at_zero(trial: &CandidateFit) -> bool {
 #[must_use]
 pub fn has_slack_spring(rig: &Rig, given: usize, window_s: f64) -> bool {
     let mut hz = rig.effects.iter().skip(given).filter_map(|effect| resonance_hz(rig, effect));
-    hz.any(|hz| hz * window_s < LEAST_SWINGS)
+    hz.any(|hz| hz * window_s < LEAST_PERIODS)
 }
 
 #[cfg(test)]

@@ -2,20 +2,20 @@
 //!
 //! RT: no.
 
-use super::numbers::CONTINUOUS;
+use super::numbers::GREATER_PART;
 
 /// True if an effect keeps enough of its gain when its inner states go on from window to window; `kept`: that part, `None` if it
 /// has none that could.
 #[must_use]
 pub fn is_continuous(kept: Option<f64>) -> bool {
-    kept.is_none_or(|kept| kept >= CONTINUOUS)
+    kept.is_none_or(|kept| kept >= GREATER_PART)
 }
 
 /// True if a mode owes most of what it explains to how it rings at the start of a recording, not to the motion of its link.
 /// Likelihoods: as fitted, from rest, and without the mode.
 #[must_use]
 pub fn is_shaken_from_elsewhere(ringing: f64, from_rest: f64, without: f64) -> bool {
-    ringing > without && from_rest - without < CONTINUOUS * (ringing - without)
+    ringing > without && from_rest - without < GREATER_PART * (ringing - without)
 }
 
 #[cfg(test)]

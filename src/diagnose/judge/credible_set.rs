@@ -5,7 +5,7 @@
 use super::accept::is_at_bound;
 use super::criterion::{Context, compare};
 use super::evidence::{Comparison, Evidence};
-use super::numbers::{APART, FORM, FORM_AT_MOST, FORM_IN_MISFIT, LEAST_WEIGHT, MEMBER_GAIN, OCCAM_WINDOW, ONE_NUMBER};
+use super::numbers::{CLEAR_LEAD, DEVIATIONS, FORM, GREATER_PART, LEAST_GAIN, NEARLY_ALL, ROUGH_FORM};
 use super::simplicity::LIMITS_OF;
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::search::candidate_fit::CandidateFit;
@@ -28,14 +28,14 @@ pub fn weight_in_set(
     // A trial of an earlier round has fewer effects than the winner: it says nothing in this company.
     // One number more and no better: the simpler one says the same.
     let mine = winner.rig.effects[place].kind;
-    let more_of_it = exact && LIMITS_OF.contains(&(mine.id(), trial.candidate.effect)) && lead.total < -ONE_NUMBER;
+    let more_of_it = exact && LIMITS_OF.contains(&(mine.id(), trial.candidate.effect)) && lead.total < -CLEAR_LEAD;
     let simple = trial.candidate.keys.len() <= mine.keys().len() || more_of_it;
     let comparable = simple && trial.hypothesis.rig.effects.len() == winner.rig.effects.len();
     // A memory as long as its range allows stands for the start of each window, in the winner's place as in its own.
     let cut_off =
         trial.candidate.has_inner_states() && trial.hypothesis.rig.effects.get(place).is_some_and(is_at_bound);
     let is_member =
-        is_inseparable(lead, gain, exact, events) && comparable && !cut_off && trial.gain > MEMBER_GAIN * gain;
+        is_inseparable(lead, gain, exact, events) && comparable && !cut_off && trial.gain > GREATER_PART * gain;
     if trial.hypothesis.rig.effects.len() == winner.rig.effects.len() {
         let evidence = Evidence::over(&trial.hypothesis, winner, lead.total, 0);
         context.ledger.note(Comparison {
@@ -45,7 +45,7 @@ pub fn weight_in_set(
             against: Some(format!("{}@{}", mine.id(), winner.rig.effects[place].at)),
             gain: -lead.total,
             by_rule: is_member,
-            by_evidence: evidence.total() < OCCAM_WINDOW,
+            by_evidence: evidence.is_in_window(),
             evidence,
         });
     }
@@ -57,8 +57,8 @@ pub fn weight_in_set(
 /// True if a winner whose effect gained `gain` is not told from a rival by its `lead`. `exact`: it leaves but noise; `events`: both
 /// are single events, which are in one block, all of them or none: samples of blocks say nothing of what is between them.
 fn is_inseparable(lead: Difference, gain: f64, exact: bool, events: bool) -> bool {
-    let form = if exact { (FORM * gain).min(FORM_AT_MOST) } else { FORM_IN_MISFIT * gain };
-    let chance = if events && exact { FORM_AT_MOST } else { APART * lead.std };
+    let form = if exact { (FORM * gain).min(LEAST_GAIN) } else { ROUGH_FORM * gain };
+    let chance = if events && exact { LEAST_GAIN } else { DEVIATIONS * lead.std };
     lead.total < chance || lead.total < form
 }
 
@@ -70,7 +70,7 @@ fn is_event(effect: &Effect) -> bool {
 /// Weight of a rival against 1 of the winner: how often it would win if the blocks were drawn again.
 fn weight(lead: Difference, gain: f64) -> f64 {
     let scale = lead.std.max(FORM * gain).max(1.0);
-    libm::exp(-lead.total.max(0.0) / scale).clamp(LEAST_WEIGHT, 1.0)
+    libm::exp(-lead.total.max(0.0) / scale).clamp(1.0 - NEARLY_ALL, 1.0)
 }
 
 #[cfg(test)]
@@ -85,9 +85,9 @@ mod tests {
     fn rivals_within_two_deviations_or_within_the_error_of_form_are_not_told_apart() {
         assert!(is_inseparable(lead(10.0, 6.0), 100.0, true, false), "two deviations");
         assert!(!is_inseparable(lead(10.0, 4.0), 100.0, true, false));
-        assert!(is_inseparable(lead(10.0, 1.0), 1000.0, true, false), "1.2 % of the gain");
-        assert!(!is_inseparable(lead(50.0, 1.0), 1e5, true, false), "but not more than 30 where but noise is left");
-        assert!(is_inseparable(lead(50.0, 1.0), 1000.0, false, false), "a tenth where misfit stays");
+        assert!(is_inseparable(lead(10.0, 1.0), 1000.0, true, false), "2 % of the gain");
+        assert!(!is_inseparable(lead(70.0, 1.0), 1e5, true, false), "but not more than 60 where but noise is left");
+        assert!(is_inseparable(lead(100.0, 1.0), 1000.0, false, false), "15 % where misfit stays");
         assert!(is_inseparable(lead(25.0, 1.0), 100.0, true, true), "events are in one block");
     }
 
@@ -95,6 +95,6 @@ mod tests {
     fn who_is_ahead_weighs_full_and_who_is_behind_less_but_something() {
         assert!((weight(lead(-5.0, 3.0), 100.0) - 1.0).abs() < 1e-12);
         assert!((weight(lead(3.0, 3.0), 100.0) - libm::exp(-1.0)).abs() < 1e-12);
-        assert!((weight(lead(1e4, 3.0), 100.0) - LEAST_WEIGHT).abs() < 1e-12);
+        assert!((weight(lead(1e4, 3.0), 100.0) - (1.0 - NEARLY_ALL)).abs() < 1e-12);
     }
 }

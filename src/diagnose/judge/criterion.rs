@@ -3,7 +3,7 @@
 //! RT: no.
 
 use super::evidence::Ledger;
-use super::numbers::{LEAST_GAIN, LEAST_GAIN_PER_SAMPLE, LEAST_PROMISE};
+use super::numbers::{GREATER_PART, LEAST_GAIN, LEAST_GAIN_PER_SAMPLE};
 use crate::diagnose::robustness::held_out::HeldOut;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{Difference, difference};
@@ -39,7 +39,7 @@ pub fn detection_threshold(context: &Context, numbers: usize) -> f64 {
 /// True if the best promise of a linear step is too little for a round of fits: a healthy machine is not worth a dozen.
 #[must_use]
 pub fn promises_little(most: f64, context: &Context) -> bool {
-    !context.is_trapped && most < LEAST_PROMISE * detection_threshold(context, 1)
+    !context.is_trapped && most < GREATER_PART * detection_threshold(context, 1)
 }
 
 /// How much better `a` is than `b` under the noise that `a` leaves.
@@ -86,6 +86,6 @@ mod tests {
     #[test]
     fn a_base_at_its_bounds_is_searched_whatever_a_step_promises() {
         assert!(promises_little(10.0, &context(1000, false)) && !promises_little(10.0, &context(1000, true)));
-        assert!(!promises_little(30.0, &context(1000, false)));
+        assert!(!promises_little(40.0, &context(1000, false)));
     }
 }

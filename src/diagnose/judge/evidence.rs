@@ -13,7 +13,7 @@
 //!
 //! RT: no.
 
-use super::numbers::{FORM_SAMPLES, TERM_ODDS};
+use super::numbers::{FORM_SAMPLES, NEARLY_ALL, TERM_ODDS};
 use crate::identify::fitted_model::FittedModel;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -45,6 +45,12 @@ impl Evidence {
     #[must_use]
     pub fn total(&self) -> f64 {
         self.fit + self.occam + self.search
+    }
+
+    /// True if the other model is within Occam's window: odds of less than 20 to 1 (Madigan and Raftery 1994).
+    #[must_use]
+    pub fn is_in_window(&self) -> bool {
+        self.total() < -2.0 * libm::log(1.0 - NEARLY_ALL)
     }
 }
 

@@ -5,7 +5,7 @@
 use super::accept::is_significant;
 use super::criterion::{Context, compare, detection_threshold};
 use super::evidence::{Comparison, Evidence};
-use super::numbers::{CLEAR_LEAD, NOT_ITS_OWN, SIMPLER};
+use super::numbers::{CLEAR_LEAD, GREATER_PART, NEARLY_ALL};
 use super::simplicity::LIMITS_OF;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
@@ -22,7 +22,7 @@ pub fn takes_its_place(
     context: &Context,
 ) -> bool {
     let richer = LIMITS_OF.contains(&(added.candidate.effect, rival.candidate.effect));
-    let least = if richer { (1.0 - SIMPLER) * kept } else { 0.0 };
+    let least = if richer { (1.0 - NEARLY_ALL) * kept } else { 0.0 };
     let gain = -compare(found, &rival.hypothesis, context).total;
     let by_rule = gain > least.max(CLEAR_LEAD);
     let evidence = Evidence::over(found, &rival.hypothesis, gain, 0);
@@ -56,7 +56,7 @@ pub fn is_clear(ahead: f64) -> bool {
 /// that shakes it. Likelihoods before it, with it, and without it again.
 #[must_use]
 pub fn only_freed_the_fit(before: f64, with: f64, without: f64) -> bool {
-    without - before > NOT_ITS_OWN * (with - before)
+    without - before > GREATER_PART * (with - before)
 }
 
 #[cfg(test)]

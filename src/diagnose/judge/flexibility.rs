@@ -3,7 +3,7 @@
 //! RT: no.
 
 use super::criterion::Context;
-use super::numbers::{PERIODS, PERIODS_IN_MISFIT, UNRESOLVED};
+use super::numbers::{GREATER_PART, LEAST_PERIODS, PERIODS_IN_MISFIT};
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::search::candidate_fit::CandidateFit;
 use crate::identify::fitted_model::FittedModel;
@@ -25,7 +25,7 @@ pub fn is_local_term(rig: &Rig, kind: EffectKind) -> bool {
 #[must_use]
 pub fn is_overly_flexible(base: &FittedModel, trial: &CandidateFit, context: &Context) -> bool {
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
-    periods(base, trial) < if misfit { PERIODS_IN_MISFIT } else { PERIODS }
+    periods(base, trial) < if misfit { PERIODS_IN_MISFIT } else { LEAST_PERIODS }
         || misfit && is_local_here(base, &trial.candidate)
 }
 
@@ -68,7 +68,7 @@ pub fn has_unresolved_order(
     let rival = |other: &CandidateFit| {
         let of_other = if other.candidate.at == trial.candidate.at { waves(base, other) } else { None };
         of_other.is_some_and(|w| {
-            (w - mine).abs() > 0.0 && other.gain > UNRESOLVED * (1.0 + resemblance(w - mine)) * trial.gain
+            (w - mine).abs() > 0.0 && other.gain > GREATER_PART * (1.0 + resemblance(w - mine)) * trial.gain
         })
     };
     others.iter().any(rival)

@@ -4,15 +4,14 @@
 
 use super::criterion::{Context, compare, detection_threshold};
 use super::numbers::{
-    AHEAD, AHEAD_OF_LISTED, AHEAD_OF_LISTED_BY, CHANCE_PER_NUMBER, FREE_FORCE, FREE_FORCE_PER_SAMPLE, HINT, ON_TOP,
-    REMOVED, RIPPLES_PER_NUMBER, STRUCTURE_LEFT,
+    CHANCE_PER_NUMBER, QUARTER, ROUGH_FORM,
 };
 use crate::identify::fitted_model::FittedModel;
 
 /// What the residual forces of base and found model say beside each other.
 #[derive(Clone, Copy, Debug)]
 pub struct Excess {
-    /// From when on a free force counts: [`free_force_threshold`].
+    /// From when on a free force counts: [`detection_threshold`].
     pub threshold: f64,
     /// Of the free force on the base alone.
     pub on_base: f64,
@@ -20,22 +19,10 @@ pub struct Excess {
     pub listed: f64,
 }
 
-/// Excess of a free force that counts.
-#[must_use]
-pub fn free_force_threshold(context: &Context) -> f64 {
-    (FREE_FORCE_PER_SAMPLE * context.samples as f64).max(FREE_FORCE)
-}
-
 /// Gain of a free force of so many numbers beyond what they bring by chance.
 #[must_use]
 pub fn beyond_chance(gain: f64, numbers: usize) -> f64 {
     gain - CHANCE_PER_NUMBER * numbers as f64
-}
-
-/// True if a curve over position with this excess beside the listed effects asks for a fit in their place.
-#[must_use]
-pub fn asks_for_a_fit(excess: f64) -> bool {
-    excess > HINT
 }
 
 impl Excess {
@@ -48,32 +35,32 @@ impl Excess {
     /// True if the force says more than any listed effects.
     #[must_use]
     pub fn beats_listed(&self) -> bool {
-        self.on_base > self.threshold.max(AHEAD_OF_LISTED * self.listed + AHEAD_OF_LISTED_BY)
+        self.on_base > self.threshold.max((1.0 + QUARTER) * self.listed + self.threshold)
     }
 
     /// True if there is another force on top of the listed effects.
     #[must_use]
     pub fn counts_on_top(&self, on_found: f64) -> bool {
-        on_found > self.threshold.max(ON_TOP * self.listed)
+        on_found > self.threshold.max(QUARTER * self.listed)
     }
 
     /// True if so little structure is left that what explained the rest is the explanation.
     #[must_use]
     pub fn leaves_little(&self, left: f64) -> bool {
-        left < self.threshold.max(STRUCTURE_LEFT * self.on_base)
+        left < self.threshold.max(QUARTER * self.on_base)
     }
 }
 
 /// True if the listed effects remove so much of all squares that what is left is the finish of their form.
 #[must_use]
 pub fn is_removed(part: f64) -> bool {
-    part >= REMOVED
+    1.0 - part <= QUARTER
 }
 
 /// True if a change of the machine with so many numbers is ahead of the listed effects, which gained `listed`.
 #[must_use]
 pub fn change_is_ahead(ahead: f64, listed: f64, numbers: usize, context: &Context) -> bool {
-    ahead > detection_threshold(context, numbers).max(AHEAD * listed)
+    ahead > detection_threshold(context, numbers).max(ROUGH_FORM * listed)
 }
 
 /// True if a fitted force over position is clearly ahead of `found`, its numbers paid for. `ripples`: what was found are several
@@ -90,9 +77,9 @@ pub fn curve_is_ahead(
     let numbers = curve.point.parameters.len().saturating_sub(found.point.parameters.len());
     let listed = compare(curve, base, context).total - ahead.total;
     let least = if ripples {
-        RIPPLES_PER_NUMBER * numbers as f64
+        CHANCE_PER_NUMBER * numbers as f64
     } else {
-        detection_threshold(context, numbers).max(AHEAD * listed)
+        detection_threshold(context, numbers).max(ROUGH_FORM * listed)
     };
     ahead.low > 0.0 && ahead.total > least
 }
@@ -115,10 +102,8 @@ mod tests {
     }
 
     #[test]
-    fn a_force_counts_beyond_chance_and_in_many_samples_by_sample() {
+    fn a_force_counts_beyond_chance() {
         assert!((beyond_chance(100.0, 10) - 70.0).abs() < 1e-12);
-        assert!((free_force_threshold(&context(1000)) - FREE_FORCE).abs() < 1e-12);
-        assert!((free_force_threshold(&context(100_000)) - 1500.0).abs() < 1e-9);
     }
 
     #[test]
@@ -126,14 +111,14 @@ mod tests {
         let of = |on_base, listed| Excess { threshold: 80.0, on_base, listed };
         assert!(!of(79.0, 0.0).counts() && of(81.0, 0.0).counts());
         assert!(!of(800.0, 1000.0).beats_listed());
-        assert!(of(1320.0, 1000.0).beats_listed() && !of(1300.0, 1000.0).beats_listed());
-        assert!(of(0.0, 1000.0).counts_on_top(310.0) && !of(0.0, 1000.0).counts_on_top(290.0));
-        assert!(of(1000.0, 0.0).leaves_little(140.0) && !of(1000.0, 0.0).leaves_little(160.0));
+        assert!(of(1340.0, 1000.0).beats_listed() && !of(1320.0, 1000.0).beats_listed());
+        assert!(of(0.0, 1000.0).counts_on_top(260.0) && !of(0.0, 1000.0).counts_on_top(240.0));
+        assert!(of(1000.0, 0.0).leaves_little(240.0) && !of(1000.0, 0.0).leaves_little(260.0));
     }
 
     #[test]
     fn a_change_of_the_machine_pays_for_its_numbers_and_for_the_error_of_form() {
         assert!(change_is_ahead(110.0, 0.0, 4, &context(1000)) && !change_is_ahead(80.0, 0.0, 4, &context(1000)));
-        assert!(!change_is_ahead(110.0, 2000.0, 4, &context(1000)), "a tenth of what was listed");
+        assert!(!change_is_ahead(110.0, 2000.0, 4, &context(1000)), "15 % of what was listed");
     }
 }

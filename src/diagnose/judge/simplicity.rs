@@ -3,7 +3,7 @@
 //! RT: no.
 
 use super::criterion::{Context, detection_threshold};
-use super::numbers::SIMPLER;
+use super::numbers::NEARLY_ALL;
 use crate::diagnose::search::candidate_fit::CandidateFit;
 use crate::identify::likelihood::is_misfit;
 
@@ -27,7 +27,7 @@ pub fn order_by_penalised_gain(trials: &mut Vec<CandidateFit>, context: &Context
             detection_threshold(context, 1)
         };
         let close = |t: &CandidateFit| {
-            let near = t.gain >= (SIMPLER * leader.gain).max(leader.gain - most);
+            let near = t.gain >= (NEARLY_ALL * leader.gain).max(leader.gain - most);
             t.candidate.effect == *simple && t.candidate.at == leader.candidate.at && near
         };
         trials.iter().position(close)

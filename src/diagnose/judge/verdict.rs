@@ -8,7 +8,7 @@ pub use crate::report::findings::{
 };
 
 use super::criterion::{Context, detection_threshold};
-use super::numbers::{FAR_BEYOND_CHANCE, KEPT, NEARLY_ALL, REMOVED};
+use super::numbers::{FAR_BEYOND_CHANCE, NEARLY_ALL, QUARTER};
 use crate::identify::likelihood::Difference;
 
 /// True if the numbers of the rig as given had to be fitted again; `gain`: of the re-fit with so many numbers.
@@ -32,11 +32,11 @@ pub fn is_material(share: f64, least: f64) -> bool {
 /// True if of the fall of squares that a change of predictions would be, were it the truth, so much is so that it may be.
 #[must_use]
 pub fn is_kept(promised: f64, gained: f64) -> bool {
-    gained > 0.0 && gained >= KEPT * promised
+    gained > 0.0 && gained >= QUARTER * promised
 }
 
 /// True if recordings that were not fitted speak against an effect of so many numbers: it changes what is predicted there by more
-/// than chance, `promised`, and of the fall of squares that this change would be, were it the truth, it keeps less than [`KEPT`],
+/// than chance, `promised`, and of the fall of squares that this change would be, were it the truth, it keeps less than [`QUARTER`],
 /// as it must where fitted recordings are left out in turn. What changes nothing there is not asked.
 #[must_use]
 pub fn is_refuted(promised: f64, gained: f64, numbers: usize, context: &Context) -> bool {
@@ -46,11 +46,11 @@ pub fn is_refuted(promised: f64, gained: f64, numbers: usize, context: &Context)
 /// True if an event is the explanation where it acts: of the squares above noise it leaves little there.
 #[must_use]
 pub fn is_removed_where_it_acts(left: f64) -> bool {
-    1.0 - left >= REMOVED
+    left <= QUARTER
 }
 
 /// True if recordings that were not fitted speak for one model against another: the change between them is more than chance, and
-/// [`KEPT`] of it is so.
+/// [`QUARTER`] of it is so.
 #[must_use]
 pub fn is_borne_out(promised: f64, gained: f64, context: &Context) -> bool {
     promised > detection_threshold(context, 0) && is_kept(promised, gained)

@@ -9,7 +9,7 @@ use crate::diagnose::explain::tables::estimates;
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::exchange::is_clear;
 use crate::diagnose::judge::nameless::change_is_ahead;
-use crate::diagnose::judge::numbers::CHANGED;
+use crate::diagnose::judge::numbers::DEVIATIONS;
 use crate::diagnose::judge::verdict::{Estimate, Place};
 use crate::diagnose::robustness::held_out::{Confirmation, cut_elsewhere, quiet_noise};
 use crate::diagnose::screen::linearise::ltv_windows;
@@ -138,7 +138,7 @@ impl ChangePoint {
         let [before, after] = [&self.before, &self.after].map(|h| estimates(&h.clone().with_intervals()));
         let sure = |(b, a): (&(String, Estimate), &(String, Estimate))| {
             let apart = (a.1.value - b.1.value).abs() / libm::hypot(a.1.std, b.1.std);
-            (apart > CHANGED).then(|| (apart, (b.0.clone(), b.1.value, a.1.value)))
+            (apart > DEVIATIONS).then(|| (apart, (b.0.clone(), b.1.value, a.1.value)))
         };
         let mut all: Vec<_> = before.iter().zip(&after).filter_map(sure).collect();
         all.sort_by(|a, b| b.0.total_cmp(&a.0));

@@ -3,8 +3,8 @@
 //! RT: no.
 
 use crate::diagnose::explain::sentence;
-use crate::diagnose::judge::criterion::{Context, compare};
-use crate::diagnose::judge::nameless::{Excess, asks_for_a_fit, free_force_threshold, is_removed};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
+use crate::diagnose::judge::nameless::{Excess, is_removed};
 use crate::diagnose::judge::verdict::{Law, Member, Missing, Place};
 use crate::diagnose::nameless::change_point::ChangePoint;
 use crate::diagnose::nameless::force_patterns::{Pattern, law, located, patterns, share};
@@ -70,7 +70,7 @@ pub fn unexplained(
     said: &mut dyn FnMut(&str),
 ) -> Option<(Unlisted, bool)> {
     let listed: f64 = found.blocks(&base.noise).iter().sum::<f64>() - base.blocks(&base.noise).iter().sum::<f64>();
-    let threshold = free_force_threshold(context);
+    let threshold = detection_threshold(context, 0);
     let on_base = structure(base, true, context, said)?;
     let excess = Excess { threshold, on_base: on_base.excess, listed };
     let misfit = |h: &FittedModel| is_misfit(&h.residuals, &context.floors);
@@ -90,7 +90,7 @@ pub fn unexplained(
     }
     let left = structure(found, !misfit(found), context, said);
     let on_top = left.as_ref().and_then(|left| left.force.as_ref());
-    let asked = on_top.filter(|(_, on_found)| asks_for_a_fit(*on_found)).and_then(|(u, _)| u.over_position_of);
+    let asked = on_top.and_then(|(u, _)| u.over_position_of);
     if let Some(unlisted) = over_position(found, base, asked, context, said) {
         return Some((unlisted, true));
     }
@@ -246,7 +246,7 @@ fn structure(of: &FittedModel, with_time: bool, context: &Context, said: &mut dy
     said(&format!("free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
     let name = |p: &Pattern| of.rig.mechanism.coordinates()[p.joint].to_owned();
     // What is too little to count says how little is left, and is not asked.
-    let asked = |p: &&Pattern| p.excess() > free_force_threshold(context);
+    let asked = |p: &&Pattern| p.excess() > detection_threshold(context, 0);
     let elsewhere = Elsewhere::of(of, context);
     let held = patterns.iter().take_while(asked).find(|p| !elsewhere.refutes(p, said));
     let force = held.map(|p| (unlisted(of, p, &patterns), p.excess()));

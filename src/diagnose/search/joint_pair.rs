@@ -5,7 +5,7 @@
 use crate::diagnose::judge::accept::{is_accepted, is_admissible};
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::flexibility::is_local_here;
-use crate::diagnose::judge::numbers::KEPT;
+use crate::diagnose::judge::numbers::QUARTER;
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
 use crate::diagnose::judge::verdict::is_far_beyond_chance;
 use crate::diagnose::library::candidates::Candidate;
@@ -57,7 +57,7 @@ pub(super) fn add_jointly(
             LeaveOneRecordingOut::of(now, &context.floors)?
                 .cross_validated_gain_ratio(&second.hypothesis, &context.floors)
         };
-        if kept >= KEPT && is_accepted(now, (second, &seconds), leader.gain, alone, context, said) {
+        if kept >= QUARTER && is_accepted(now, (second, &seconds), leader.gain, alone, context, said) {
             return Some([leader.clone(), second.clone()]);
         }
     }

@@ -8,7 +8,7 @@ use crate::diagnose::judge::accept::{is_accepted, is_admissible};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::exchange::only_freed_the_fit;
 use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here};
-use crate::diagnose::judge::numbers::{LOCAL_TERMS, NEARLY};
+use crate::diagnose::judge::numbers::{GREATER_PART, LOCAL_TERMS};
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::cross_validation::LeaveOneRecordingOut;
@@ -367,7 +367,7 @@ impl<'s> Search<'s> {
     fn is_asked(&self, i: usize, most: f64) -> bool {
         let trial = &self.all.last[i];
         let is_runner_up = || self.near.iter().any(|start| start.candidate.is_same_as(&trial.candidate));
-        i < TRIED || trial.gain > NEARLY * most && self.kinds_before(i) < TRIED || is_runner_up()
+        i < TRIED || trial.gain > GREATER_PART * most && self.kinds_before(i) < TRIED || is_runner_up()
     }
 
     /// Effects and places among the candidates of the round that are ahead of candidate `i`, its own not counted.
