@@ -25,7 +25,7 @@ pub fn suspicions(of: &FittedModel, floors: &[f64]) -> Vec<String> {
 const LOST: f64 = 3e3;
 
 /// Growth at which a window should end.
-const ENOUGH: f64 = 30.0;
+const GROWTH_OF_A_WINDOW: f64 = 30.0;
 
 /// One line per recording whose windows are too long for an unstable or chaotic motion; one linearisation.
 fn unstable(of: &FittedModel) -> Vec<String> {
@@ -45,7 +45,7 @@ fn unstable(of: &FittedModel) -> Vec<String> {
     out
 }
 
-/// Largest growth of an initial coordinate within a window, and the time after which it is [`ENOUGH`].
+/// Largest growth of an initial coordinate within a window, and the time after which it is [`GROWTH_OF_A_WINDOW`].
 fn growth(of: &FittedModel, flat: usize, window: usize, recording: &Recording) -> Option<(f64, f64)> {
     let channels = of.problem.run(flat, &of.point.parameters, &of.point.states[flat], true)?;
     let rows = recording.windows()[window].clone();
@@ -55,7 +55,7 @@ fn growth(of: &FittedModel, flat: usize, window: usize, recording: &Recording) -
         for slope in series.slopes.iter().skip(first).take(count) {
             for (k, x) in slope.iter().enumerate().filter(|(_, x)| x.is_finite()) {
                 worst.0 = worst.0.max(x.abs());
-                if x.abs() > ENOUGH {
+                if x.abs() > GROWTH_OF_A_WINDOW {
                     worst.1 = worst.1.min(recording.times[rows.start + k] - recording.times[rows.start]);
                 }
             }

@@ -51,7 +51,7 @@ impl Supposed {
 }
 
 /// First look at a start; the best goes on to its end.
-const LOOK: Limits = Limits { iterations: 6, tolerance: 3e-4 };
+const FIRST_LOOK: Limits = Limits { iterations: 6, tolerance: 3e-4 };
 
 /// `base` with `supposed` on top, all numbers fitted again: of all places and starts the likeliest. `None` if this rig has
 /// no place for it, or no start stays finite.
@@ -68,7 +68,7 @@ pub fn with_supposed(base: &FittedModel, supposed: &Supposed, pooled: &Pooled, f
         library.iter().flat_map(|c| c.starts.iter().map(move |s| (c, s))).collect();
     let fitted = |(candidate, start): &(&Candidate, &Vec<f64>)| {
         let (problem, point) = base.extended(with_effect(&base.rig, candidate, start));
-        FittedModel::fitted(problem, point, &noise, floors, LOOK)
+        FittedModel::fitted(problem, point, &noise, floors, FIRST_LOOK)
     };
     let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
     let looks: Vec<FittedModel> = starts.par_iter().filter_map(fitted).collect();

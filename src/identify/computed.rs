@@ -16,7 +16,7 @@ const EARLIER: usize = 2;
 /// Fewest rows that tell.
 const FEWEST: usize = 60;
 /// Part of the rows that may be anything: steps of a target.
-const STEPS: f64 = 0.05;
+const STEP_ROWS: f64 = 0.05;
 /// Part of the input's fast variance that the reading explains if it was computed from it. Recorded: 1.0000 for
 /// `target - position` of four servos, .997 where it was rounded to a fifteenth of the encoder's count; below .97 for
 /// measured torques.
@@ -60,7 +60,7 @@ fn factor_of(input: &[f64], reading: &[f64]) -> Option<f64> {
         fast_input[k] - factors.iter().enumerate().map(|(j, f)| f * fast_reading[k - j]).sum::<f64>()
     };
     // Least squares, then again without the rows that are farthest off.
-    let kept = rows.len() - (STEPS * rows.len() as f64) as usize;
+    let kept = rows.len() - (STEP_ROWS * rows.len() as f64) as usize;
     for _ in 0..4 {
         let of = |k: &usize| std::array::from_fn::<f64, { EARLIER + 1 }, _>(|j| fast_reading[k - j]);
         let columns: Vec<f64> = rows.iter().flat_map(of).collect();

@@ -149,7 +149,7 @@ const STEPS: usize = 4;
 const KEPT: f64 = 0.5;
 
 /// A fit of this tolerance or a coarser one may end on old derivatives; a finer one looks once more.
-const COARSE: f64 = 1e-4;
+const COARSE_TOLERANCE: f64 = 1e-4;
 
 /// Tries of a step on new derivatives, harder damped each time; on old ones the first must do.
 const TRIES: usize = 8;
@@ -215,7 +215,7 @@ impl<R: FreeRuns> Walk<'_, R> {
 
     /// Steps on one linearisation until it no longer serves, or the fit has ended.
     fn descend(&mut self, system: &mut Reduced) -> Option<Outcome> {
-        let coarse = self.tolerance >= COARSE;
+        let coarse = self.tolerance >= COARSE_TOLERANCE;
         for taken in 0..STEPS {
             let fresh = taken == 0;
             if !fresh && self.runs.is_exhausted() {

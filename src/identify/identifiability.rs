@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 const UNDETERMINED: f64 = 0.33;
 
 /// Members of a combination below this part of the largest are not named.
-const NAMED: f64 = 0.1;
+const LEAST_MEMBER: f64 = 0.1;
 
 /// One parameter as the fit left it.
 #[derive(Clone, Debug)]
@@ -82,7 +82,7 @@ fn deviation_along(values: &[f64], vectors: &DMatrix<f64>, w: &[f64]) -> f64 {
 /// What stays fixed when the parameters move along `direction`: the ratios of a common scale, the sum of a pair.
 fn known(direction: &[f64], parameters: &[Scaled], deviation: impl Fn(&[f64]) -> f64) -> String {
     let largest = direction.iter().map(|x| x.abs()).fold(0.0, f64::max);
-    let members: Vec<usize> = (0..direction.len()).filter(|i| direction[*i].abs() >= NAMED * largest).collect();
+    let members: Vec<usize> = (0..direction.len()).filter(|i| direction[*i].abs() >= LEAST_MEMBER * largest).collect();
     // Relative changes count in the sense of the value: a negative gain that grows, falls.
     let growth = |i: usize| direction[i] * parameters[i].scale / parameters[i].value;
     let (low, high) = members.iter().fold((f64::MAX, f64::MIN), |(l, h), i| (l.min(growth(*i)), h.max(growth(*i))));
@@ -112,7 +112,7 @@ fn named(vector: &[f64], parameters: &[Scaled]) -> Vec<(String, f64)> {
     let mut parts: Vec<(String, f64)> = vector
         .iter()
         .zip(parameters)
-        .filter(|(x, _)| x.abs() >= NAMED * largest)
+        .filter(|(x, _)| x.abs() >= LEAST_MEMBER * largest)
         .map(|(x, p)| (p.name.clone(), *x))
         .collect();
     parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
@@ -129,12 +129,12 @@ fn eigen(information: &DMatrix<f64>, parameters: &[Scaled]) -> (Vec<f64>, DMatri
     let n = parameters.len();
     let relative = DMatrix::from_fn(n, n, |r, c| information[(r, c)] * parameters[r].scale * parameters[c].scale);
     let e = relative.symmetric_eigen();
-    let floor = ROUNDING * e.eigenvalues.amax();
+    let floor = EIGENVALUE_ROUNDING * e.eigenvalues.amax();
     (e.eigenvalues.iter().map(|x| if *x > floor { *x } else { floor }).collect(), e.eigenvectors)
 }
 
 /// Relative accuracy of the eigenvalues of an information matrix that was summed over many samples.
-const ROUNDING: f64 = 1e-13;
+const EIGENVALUE_ROUNDING: f64 = 1e-13;
 
 impl Combination {
     /// In words, with the kind of recording that would determine it.

@@ -42,7 +42,7 @@ pub fn restart_states(problem: &Problem, mut at: Point, noise: &[Colour]) -> Poi
 pub fn refit_states(now: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
     let held = now.problem.with_rig(known(&now.rig));
     let start = Point { parameters: Vec::new(), states: held.start().states };
-    let others = fit_states(&held, start.states, &now.noise, FINE);
+    let others = fit_states(&held, start.states, &now.noise, STATE_FIT);
     let mut to = now.point.clone();
     let cost = |w: usize, at: &Point| cost_of_window(&now.problem, w, at, &now.noise);
     let moved = Point { states: others, ..now.point.clone() };
@@ -53,7 +53,7 @@ pub fn refit_states(now: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
         }
     }
     let gained: f64 = gains.iter().filter(|g| **g > 0.0).sum();
-    if gained < LEAST {
+    if gained < WORTH_FITTING_ON {
         return None;
     }
     let limits = Limits { iterations: 6, tolerance: 1e-4 };
@@ -63,10 +63,10 @@ pub fn refit_states(now: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
 }
 
 /// A state by itself, well enough to be compared.
-const FINE: Limits = Limits { iterations: 8, tolerance: 1e-4 };
+const STATE_FIT: Limits = Limits { iterations: 8, tolerance: 1e-4 };
 
 /// Twice the log-likelihood for which it is worth fitting on.
-const LEAST: f64 = 10.0;
+const WORTH_FITTING_ON: f64 = 10.0;
 
 #[cfg(test)]
 mod tests {

@@ -14,7 +14,7 @@ pub type Residuals = Vec<Vec<Vec<f64>>>;
 const BLOCK: usize = 25;
 
 /// Rounds of the block bootstrap.
-const ROUNDS: usize = 400;
+const BOOTSTRAP_ROUNDS: usize = 400;
 
 /// Noise of each channel: as the rig declares it where the residual agrees, else as the residual shows it. `floors`:
 /// smallest standard deviations (quantisation). What stands for more than `longest_memory` samples is no noise.
@@ -180,11 +180,16 @@ pub fn difference(a: &[f64], b: &[f64], seed: u64) -> Difference {
     }
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut sums: Vec<f64> =
-        (0..ROUNDS).map(|_| (0..d.len()).map(|_| d[rng.random_range(0..d.len())]).sum::<f64>()).collect();
+        (0..BOOTSTRAP_ROUNDS).map(|_| (0..d.len()).map(|_| d[rng.random_range(0..d.len())]).sum::<f64>()).collect();
     sums.sort_by(f64::total_cmp);
     let mean = total / d.len() as f64;
     let variance = d.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
-    Difference { total, low: sums[ROUNDS / 40], high: sums[ROUNDS - 1 - ROUNDS / 40], std: libm::sqrt(variance) }
+    Difference {
+        total,
+        low: sums[BOOTSTRAP_ROUNDS / 40],
+        high: sums[BOOTSTRAP_ROUNDS - 1 - BOOTSTRAP_ROUNDS / 40],
+        std: libm::sqrt(variance),
+    }
 }
 
 #[cfg(test)]

@@ -276,7 +276,7 @@ impl Problem {
 
 /// A logarithm moves by a factor of ten a step at most: no tangent says more, and a spring a thousand times stiffer costs
 /// thirty times the run that shows that it is wrong.
-const REACH: f64 = std::f64::consts::LN_10;
+const LOG_REACH: f64 = std::f64::consts::LN_10;
 
 impl FreeRuns for Problem {
     fn windows(&self) -> usize {
@@ -284,7 +284,7 @@ impl FreeRuns for Problem {
     }
 
     fn reach(&self, index: usize) -> f64 {
-        if self.logarithmic[index] { REACH } else { f64::INFINITY }
+        if self.logarithmic[index] { LOG_REACH } else { f64::INFINITY }
     }
 
     fn is_exhausted(&self) -> bool {

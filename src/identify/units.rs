@@ -15,7 +15,7 @@ const SPAN_ROWS: f64 = 20.0;
 const CONVICTED: f64 = 0.3;
 
 /// Errors below this part of the readings' spread ask for nothing.
-const FINE: f64 = 0.02;
+const SMALL_ERROR: f64 = 0.02;
 
 /// A unit that people record in, and how a message says it.
 struct Unit {
@@ -49,7 +49,7 @@ pub fn wrong_units(rig: &Rig, recording: &Recording) -> Vec<String> {
     }
     let best = tries.into_iter().map(|columns| (error(rig, &converted(rig, recording, &columns)), columns));
     let Some((after, columns)) = best.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Vec::new() };
-    if before <= FINE || after >= CONVICTED * before {
+    if before <= SMALL_ERROR || after >= CONVICTED * before {
         return Vec::new();
     }
     columns.iter().map(|c| line(rig, recording, *c, before / after)).collect()

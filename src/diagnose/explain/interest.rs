@@ -14,8 +14,7 @@ use crate::diagnose::judge::verdict::{Member, Seen, is_material};
 use crate::diagnose::nameless::residual_force::Unlisted;
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::robustness::instants::gain_beside_instants;
-use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
-use crate::identify::fit::Limits;
+use crate::diagnose::search::candidate_fit::{CandidateFit, REFIT, SelectedEffect, refit_without};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::white;
 use std::collections::BTreeMap;
@@ -43,10 +42,11 @@ pub fn undetermined(added: &[SelectedEffect], seen: &[Seen], least: f64) -> Opti
 
 /// Why an effect that was found is not named.
 const TOO_SMALL: &str = "too small to matter";
-const UNDETERMINED: &str = "its 95 % interval reaches nothing";
+const REACHES_NOTHING: &str = "its 95 % interval reaches nothing";
 const REFUTED: &str = "recordings that were not fitted speak against it";
 const CHANCE: &str = "beside the others it gains no more than chance";
-const LATE: &str = "commands and readings are known to a row, touchdowns to some milliseconds, and that explains it";
+const WITHIN_ITS_ROW: &str =
+    "commands and readings are known to a row, touchdowns to some milliseconds, and that explains it";
 
 /// Where nothing was added: the first of the last round, if it gains what would be worth it and instants within their rows explain all
 /// of that (a drive's lag of a quarter of a row).
@@ -61,12 +61,9 @@ pub fn within_its_row(base: &FittedModel, last: &[CandidateFit], context: &Conte
     let e = hypothesis.rig.effects.len().checked_sub(1)?;
     let of = member(&hypothesis.clone().with_intervals(), e);
     let share = explained_part(base, hypothesis, context);
-    let sentence = sentence::seen(&sentence::describe(&of), share, LATE);
+    let sentence = sentence::seen(&sentence::describe(&of), share, WITHIN_ITS_ROW);
     Some(Seen { effect: of.effect, at: of.at, share, parameters: of.parameters, sentence })
 }
-
-/// As [`refit_without`] does it.
-const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
 /// An effect that is none.
 struct Refuted {
@@ -110,7 +107,7 @@ impl Kept {
                 continue;
             }
             let Some(without) = self.without(i, base, context) else { break };
-            self.take_out(i, without, UNDETERMINED, context);
+            self.take_out(i, without, REACHES_NOTHING, context);
         }
         self
     }
@@ -138,7 +135,7 @@ impl Kept {
             let least = detection_threshold(context, numbers);
             let only = candidate.only.as_deref();
             let beside = gain_beside_instants(&without, &self.found, (gain, least), only);
-            let why = if gain > least { LATE } else { CHANCE };
+            let why = if gain > least { WITHIN_ITS_ROW } else { CHANCE };
             (beside <= least).then_some(Refuted { effect, gained: beside, without, why })
         };
         (0..self.added.len()).filter_map(one).min_by(|a, b| a.gained.total_cmp(&b.gained))

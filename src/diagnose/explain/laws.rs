@@ -13,7 +13,7 @@ use nalgebra::DVector;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Points of a curve: even, so that no point lies on the jump of dry friction at rest.
-const POINTS: usize = 120;
+pub const POINTS: usize = 120;
 
 /// How many standard deviations a two-sided band of 95 % spans on each side.
 #[must_use]

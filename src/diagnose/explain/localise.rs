@@ -12,10 +12,10 @@ use crate::model::rig::{Effect, Rig, Site};
 const PUSH_S: f64 = 0.03;
 
 /// What follows a touchdown (rebound, second contact) is over after this time.
-const TOUCHDOWN_S: f64 = 0.06;
+const AFTER_TOUCHDOWN_S: f64 = 0.06;
 
 /// Most places that are named.
-const NAMED: usize = 12;
+const MOST_PLACES: usize = 12;
 
 /// Places by what the found effects change in the readings, largest share first; with nothing found, by the residual
 /// of the refitted model over its noise.
@@ -104,7 +104,7 @@ fn ranked(spans: Vec<(String, String, f64, f64)>, traces: &[Trace], unexplained:
         })
         .collect();
     out.sort_by(|a, b| b.share.total_cmp(&a.share));
-    out.truncate(NAMED.max(out.iter().filter(|p| p.to_s - p.from_s < 0.5).count()));
+    out.truncate(MOST_PLACES.max(out.iter().filter(|p| p.to_s - p.from_s < 0.5).count()));
     out
 }
 
@@ -161,7 +161,7 @@ fn limited(rig: &Rig, recording: &Recording, site: Site, limit: f64) -> Vec<(f64
 }
 
 fn touchdowns(recording: &Recording) -> Vec<(f64, f64)> {
-    recording.touchdowns().map(|row| (recording.times[row], recording.times[row] + TOUCHDOWN_S)).collect()
+    recording.touchdowns().map(|row| (recording.times[row], recording.times[row] + AFTER_TOUCHDOWN_S)).collect()
 }
 
 /// Runs of rows where `on` holds, as times; gaps of up to three rows are bridged.

@@ -9,7 +9,7 @@ use crate::identify::experiment::Recording;
 use crate::model::rig::Sensor;
 
 /// Part of the energy that a region or a phase must hold to be named.
-const MOST: f64 = 0.65;
+const LEAST_ENERGY: f64 = 0.65;
 
 /// Largest part of the rows that a region may cover.
 const FEW: f64 = 0.35;
@@ -18,7 +18,7 @@ const FEW: f64 = 0.35;
 const IN_BAND: f64 = 0.8;
 
 /// A band is named if it is narrower than this part of its centre.
-const NARROW: f64 = 0.6;
+const NARROW_BAND: f64 = 0.6;
 
 /// Fewer rows have no spectrum worth the name.
 const LEAST_ROWS: usize = 64;
@@ -71,7 +71,7 @@ impl View<'_> {
 
     fn is_told(&self, inside: impl Fn(usize) -> bool) -> bool {
         let (energy, rows) = self.parts(inside);
-        energy >= MOST && rows <= FEW && rows > 0.0
+        energy >= LEAST_ENERGY && rows <= FEW && rows > 0.0
     }
 
     /// The narrowest band with most of the energy, if it is narrow; rows must be evenly spaced.
@@ -90,7 +90,7 @@ impl View<'_> {
         let per_bin = 1.0 / (n as f64 * step_s);
         let band = [low as f64 * per_bin, (high + 1) as f64 * per_bin];
         // Three periods at least: slower ones are a drift of the window, not a line.
-        let is_narrow = low >= 3 && band[1] - band[0] <= NARROW * 0.5 * (band[0] + band[1]);
+        let is_narrow = low >= 3 && band[1] - band[0] <= NARROW_BAND * 0.5 * (band[0] + band[1]);
         is_narrow.then_some(band)
     }
 }

@@ -6,9 +6,7 @@
 use super::criterion::{Context, compare, detection_threshold};
 use super::evidence::{Comparison, Evidence};
 use super::flexibility::is_overly_flexible;
-use super::numbers::{
-    AT_BOUND, DEVIATIONS, FAR_BEYOND_CHANCE, FORM, LEAST_PERIODS, LEAST_SHARE, QUARTER, ROUGH_FORM,
-};
+use super::numbers::{AT_BOUND, DEVIATIONS, FAR_BEYOND_CHANCE, FORM, LEAST_PERIODS, LEAST_SHARE, QUARTER, ROUGH_FORM};
 use crate::diagnose::explain::tables::estimates;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::held_out::Confirmation;
@@ -28,12 +26,7 @@ fn has_bristle(now: &FittedModel) -> bool {
 }
 
 /// True if `trial` explains enough to be accepted.
-fn explains_enough(
-    base: &FittedModel,
-    trial: &CandidateFit,
-    explained_before: f64,
-    context: &Context,
-) -> bool {
+fn explains_enough(base: &FittedModel, trial: &CandidateFit, explained_before: f64, context: &Context) -> bool {
     let sure = compare(&trial.hypothesis, base, context);
     // A second effect must not live off the first one's imperfect form.
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);

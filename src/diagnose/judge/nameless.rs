@@ -3,9 +3,7 @@
 //! RT: no.
 
 use super::criterion::{Context, compare, detection_threshold};
-use super::numbers::{
-    CHANCE_PER_NUMBER, QUARTER, ROUGH_FORM,
-};
+use super::numbers::{CHANCE_PER_NUMBER, QUARTER, ROUGH_FORM};
 use crate::identify::fitted_model::FittedModel;
 
 /// What the residual forces of base and found model say beside each other.

@@ -24,10 +24,10 @@ use crate::identify::problem::Problem;
 use rayon::prelude::*;
 
 /// Most effort of the fits: a base fit that starts near its end takes a tenth of it.
-const MOST: u64 = 50_000_000;
+const CHANGE_EFFORT: u64 = 50_000_000;
 
 /// Steps of the search for the instant, in parts of the recording.
-const STEPS: [f64; 3] = [0.05, 0.02, 0.01];
+const INSTANT_STEPS: [f64; 3] = [0.05, 0.02, 0.01];
 
 /// The base with other numbers before and after an instant of one recording; the other recordings are as before.
 pub struct ChangePoint {
@@ -61,7 +61,7 @@ impl ChangePoint {
         // Each judged by the noise that it leaves itself, slow noise would stand for what a wrong instant leaves.
         let total = |one: &Self| -> f64 { blocks(&together(&one.before, &one.after), &noise).iter().sum() };
         let mut best = self;
-        for step_s in STEPS.map(|part| part * length_s) {
+        for step_s in INSTANT_STEPS.map(|part| part * length_s) {
             for way in [-step_s, step_s] {
                 while let Some(other) = Self::at(base, (best.recording, best.from_s + way), context)
                     && is_clear(total(&other) - total(&best))
@@ -87,7 +87,7 @@ impl ChangePoint {
             let states = kept.iter().map(|w| point.states[*w].clone()).collect();
             let start = Point { parameters: point.parameters.clone(), states };
             let (floors, limits) = (&context.floors, Limits { iterations: 15, tolerance: 1e-5 });
-            let problem = split.on_windows(kept).with_allowance(MOST);
+            let problem = split.on_windows(kept).with_allowance(CHANGE_EFFORT);
             let first = FittedModel::fitted(problem, start, &noise, floors, limits)?;
             Some(first.polished(&first.noise, floors, limits).unwrap_or(first))
         };
@@ -177,10 +177,10 @@ fn split(problem: &Problem, at: &Point, recording: usize, from_s: f64) -> Option
     let holds = |w: &usize| problem.windows[*w].0 == recording && problem.spans[*w].contains(&row);
     let w = (0..problem.windows.len()).find(holds)?;
     let span = problem.spans[w].clone();
-    if row < span.start + LEAST {
+    if row < span.start + LEAST_ROWS {
         return Some((problem, point, span.start));
     }
-    if row + LEAST > span.end {
+    if row + LEAST_ROWS > span.end {
         return Some((problem, point, span.end));
     }
     problem.windows.insert(w + 1, problem.windows[w]);
@@ -192,7 +192,7 @@ fn split(problem: &Problem, at: &Point, recording: usize, from_s: f64) -> Option
 }
 
 /// Fewest rows of a window.
-const LEAST: usize = 10;
+const LEAST_ROWS: usize = 10;
 
 /// The residuals of two parts, one after the other.
 fn together(a: &FittedModel, b: &FittedModel) -> Residuals {

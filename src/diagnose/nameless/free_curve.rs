@@ -6,7 +6,7 @@
 //! leaves noise where they leave misfit.
 //! RT: no.
 
-use crate::diagnose::explain::laws::band_95;
+use crate::diagnose::explain::laws::{POINTS, band_95};
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::nameless::curve_is_ahead;
 use crate::diagnose::judge::verdict::Law;
@@ -27,10 +27,7 @@ const HARMONICS: usize = 15;
 const WIDER: f64 = 1.15;
 
 /// Most effort of the fit, about a third of a search.
-const MOST: u64 = 150_000_000;
-
-/// Points of the drawn law.
-const POINTS: usize = 120;
+const CURVE_EFFORT: u64 = 150_000_000;
 
 /// The base with a free force over the position of a joint.
 pub struct FreeCurve {
@@ -61,7 +58,7 @@ impl FreeCurve {
         let (problem, point) = base.extended(rig);
         let (noise, far) = (white(&base.residuals, &context.floors), Limits { iterations: 12, tolerance: 1e-3 });
         let near = Limits { iterations: 8, tolerance: 1e-5 };
-        let first = FittedModel::fitted(problem.with_allowance(MOST), point, &noise, &context.floors, far)?;
+        let first = FittedModel::fitted(problem.with_allowance(CURVE_EFFORT), point, &noise, &context.floors, far)?;
         let hypothesis = first.polished(&first.noise, &context.floors, near).unwrap_or(first);
         Some(Self { hypothesis, joint, first: base.rig.effects.len(), travel })
     }

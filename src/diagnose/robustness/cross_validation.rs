@@ -19,7 +19,7 @@ use rayon::prelude::*;
 const FOLDS: usize = 6;
 
 /// The fit to the rest starts at the fit to all: a few steps tell.
-const STEPS: Limits = Limits { iterations: 4, tolerance: 1e-4 };
+const REST_FIT: Limits = Limits { iterations: 4, tolerance: 1e-4 };
 
 /// A model whose recordings are left out in turn: what any richer one is measured against.
 pub struct LeaveOneRecordingOut {
@@ -74,11 +74,11 @@ fn predicted(of: &FittedModel, out: &[bool], noise: &[Colour], floors: &[f64]) -
     let bounds = rest.bounds();
     // The loss must suit the model's own misfit, or a rich model would be fitted to nothing but its best stretches.
     let own = white(&of.residuals, floors);
-    let shared = fit(&rest, at, &bounds, &own, STEPS).point.parameters;
+    let shared = fit(&rest, at, &bounds, &own, REST_FIT).point.parameters;
     let (left, at) = part(of, |r| out[r]);
     let rig = left.rig_at(&shared);
     let held = left.with_rig(known(&rig));
-    let states = fit_states(&held, at.states, &own, STEPS);
+    let states = fit_states(&held, at.states, &own, REST_FIT);
     let residuals = held.residuals(&Point { parameters: Vec::new(), states })?;
     Some(blocks(&residuals, noise).iter().sum())
 }

@@ -10,6 +10,7 @@
 use crate::diagnose::judge::numbers::HALF_A_ROW;
 use crate::diagnose::robustness::touchdowns::touchdown_changes;
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
+use crate::diagnose::search::candidate_fit::REFIT;
 use crate::identify::covariance::Change;
 use crate::identify::fit::{Bound, FreeRuns, Limits, Point, Series, fit};
 use crate::identify::fitted_model::FittedModel;
@@ -60,9 +61,6 @@ pub fn gain_beside_instants(
     let [without, with] = moved.map(|(_, (free, start))| cost_beside_instants(&free, start, noise));
     without.zip(with).map_or(linear, |(without, with)| without - with)
 }
-
-/// As the refit without an effect is done.
-const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
 /// What is left, in twice the negative log-likelihood but for a constant, when instants and touchdowns are fitted too.
 fn cost_beside_instants(free: &FreeInstants, start: Point, noise: &[Colour]) -> Option<f64> {

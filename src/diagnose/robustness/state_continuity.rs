@@ -36,7 +36,7 @@ pub fn gain_ratio_with_continuous_states(plain: &FittedModel, richer: &FittedMod
     let runs = Carried { problem: &held, inner: &inner, rigid: &rigid };
     let start = richer.point.states.iter().zip(&rigid).map(|(s, rigid)| s[..*rigid].to_vec()).collect();
     let own = white(&richer.residuals, floors);
-    let states = fit_states(&runs, start, &own, STEPS);
+    let states = fit_states(&runs, start, &own, FEW_STEPS);
     let whole = states.into_iter().zip(&inner).map(|(state, inner)| [state, inner.clone()].concat()).collect();
     let residuals = held.residuals(&Point { parameters: Vec::new(), states: whole })?;
     let noise = white(&plain.residuals, floors);
@@ -100,7 +100,7 @@ fn unbroken(of: &FittedModel, rig: &Rig, from_rest: bool) -> Option<Residuals> {
 }
 
 /// A few steps from the free fit tell.
-const STEPS: Limits = Limits { iterations: 6, tolerance: 1e-4 };
+const FEW_STEPS: Limits = Limits { iterations: 6, tolerance: 1e-4 };
 
 /// Where the window before `w` arrives, if it is of the same recording and ends where `w` starts.
 fn before(problem: &Problem, at: &Point, w: usize) -> Option<Vec<f64>> {

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Directions of a row's run: initial state, then a force at each coordinate.
-const LANES: usize = 8;
+const ROW_LANES: usize = 8;
 
 /// The tangent of all windows. `None` if a run fails.
 #[must_use]
@@ -54,7 +54,7 @@ fn tangent(of: &FittedModel, blanks: &[(Setting, Recording)], forces: &Rig, wind
 /// Runs single rows of one recording in dual numbers.
 struct Stepper<'r> {
     recording: &'r Recording,
-    machine: Machine<Dual<LANES>>,
+    machine: Machine<Dual<ROW_LANES>>,
     /// Numbers of the initial state.
     states: usize,
     joints: usize,
@@ -68,7 +68,7 @@ impl<'r> Stepper<'r> {
         let joints = forces.mechanism.coordinates().len();
         let plain = Machine::<f64>::new(&setting, &|n: &Number| n.value, refine).ok()?;
         let states = plain.initial_layout().len();
-        if states > STATES || states + joints > LANES {
+        if states > STATES || states + joints > ROW_LANES {
             return None;
         }
         let first = forces.effects.len() - joints;
@@ -95,7 +95,7 @@ impl<'r> Stepper<'r> {
     fn place(&mut self, row: usize, initial: &[f64]) {
         let stance = self.recording.stance.get(row).map_or(0, |leg| usize::from(*leg));
         self.machine.set_stance(stance);
-        let lifted: Vec<Dual<LANES>> = initial.iter().enumerate().map(|(i, x)| Dual::variable(*x, i)).collect();
+        let lifted: Vec<Dual<ROW_LANES>> = initial.iter().enumerate().map(|(i, x)| Dual::variable(*x, i)).collect();
         self.machine.reset(self.recording.times[row], &lifted);
     }
 

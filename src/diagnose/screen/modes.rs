@@ -19,11 +19,11 @@ const RATIO: f64 = 1.05;
 const DAMPINGS: [f64; 2] = [0.02, 0.08];
 
 /// Damping ratios of a line in the spectrum, and where the mode is that rings there: with the hub held it is slower.
-const NARROW: [f64; 2] = [0.002, 0.01];
+const LINE_DAMPINGS: [f64; 2] = [0.002, 0.01];
 const BELOW: [f64; 5] = [1.0, 0.99, 0.97, 0.94, 0.88];
 
 /// Starts that are handed on.
-const STARTS: usize = 3;
+const MOST_STARTS: usize = 3;
 
 /// Frequency and damping of the best modes at `joint`, best first, well apart; the amplitude is the share. `absolute`:
 /// coordinates whose sum is the link's angle in space; `peaks_hz`: lines of the residuals, which a grid would miss.
@@ -39,7 +39,8 @@ pub fn flexibility(
     let highest = highest_hz(step_s);
     let count = (libm::log(highest / LOWEST_HZ) / libm::log(RATIO)).max(0.0) as usize;
     let even = (0..=count).flat_map(|i| DAMPINGS.map(|z| (LOWEST_HZ * libm::pow(RATIO, i as f64), z)));
-    let narrow = peaks_hz.iter().flat_map(|f| BELOW.iter().map(move |x| x * f)).flat_map(|f| NARROW.map(|z| (f, z)));
+    let narrow =
+        peaks_hz.iter().flat_map(|f| BELOW.iter().map(move |x| x * f)).flat_map(|f| LINE_DAMPINGS.map(|z| (f, z)));
     let grid: Vec<(f64, f64)> = even.chain(narrow).collect();
     let one = |at: &(f64, f64)| {
         let (driven, free) = responses(windows, joint.inertia, absolute, *at);
@@ -50,7 +51,7 @@ pub fn flexibility(
     let mut best: Vec<Hit<(f64, f64)>> = Vec::new();
     for hit in hits {
         let apart = |other: &Hit<(f64, f64)>| (hit.at.0 / other.at.0).max(other.at.0 / hit.at.0) > 1.3;
-        if best.len() < STARTS && best.iter().all(apart) {
+        if best.len() < MOST_STARTS && best.iter().all(apart) {
             best.push(hit);
         }
     }

@@ -12,14 +12,14 @@ use crate::identify::likelihood::samples;
 use crate::identify::problem::Problem;
 
 /// Samples that tell a leader from the rest; the cases of other laboratories at hand have about as many in all.
-const ENOUGH: usize = 6000;
+const ENOUGH_SAMPLES: usize = 6000;
 
 /// Samples that tell from which start one step promises most.
-const LOOK: usize = 3000;
+const LOOK_SAMPLES: usize = 3000;
 
 /// Fewest windows that are kept, over all recordings and of each: a window has initial states of its own, and a few of
 /// them can be overlaid by wrong base parameters whatever is missing.
-const LEAST: usize = 16;
+const LEAST_WINDOWS: usize = 16;
 const LEAST_OF_EACH: usize = 3;
 
 /// A hypothesis on some of its windows.
@@ -51,7 +51,7 @@ impl Subsample {
     #[must_use]
     pub fn thinner(&self, library: &[Candidate]) -> Self {
         let all: Vec<usize> = (0..self.kept.len()).collect();
-        let kept = evenly(&self.hypothesis.problem, self.context.samples / LOOK).unwrap_or(all);
+        let kept = evenly(&self.hypothesis.problem, self.context.samples / LOOK_SAMPLES).unwrap_or(all);
         Self::of(&self.hypothesis, &kept, library, &self.context)
     }
 
@@ -72,10 +72,10 @@ impl Subsample {
     }
 }
 
-/// Evenly chosen windows with about [`ENOUGH`] of all `samples`; `None` if that is not many fewer.
+/// Evenly chosen windows with about [`ENOUGH_SAMPLES`] of all `samples`; `None` if that is not many fewer.
 #[must_use]
 pub fn few(problem: &Problem, samples: usize) -> Option<Vec<usize>> {
-    evenly(problem, samples / ENOUGH)
+    evenly(problem, samples / ENOUGH_SAMPLES)
 }
 
 /// One window of so many, evenly; `None` if these are all.
@@ -84,7 +84,7 @@ fn evenly(problem: &Problem, part: usize) -> Option<Vec<usize>> {
         return None;
     }
     let mut kept = Vec::new();
-    let least = LEAST.div_ceil(problem.recordings.len().max(1)).max(LEAST_OF_EACH);
+    let least = LEAST_WINDOWS.div_ceil(problem.recordings.len().max(1)).max(LEAST_OF_EACH);
     for r in 0..problem.recordings.len() {
         let mine: Vec<usize> = (0..problem.windows.len()).filter(|w| problem.windows[*w].0 == r).collect();
         let count = mine.len().div_ceil(part).max(least).min(mine.len());

@@ -21,21 +21,21 @@ use rayon::prelude::*;
 const MOST_NUMBERS: usize = 40;
 
 /// How far a number is moved: 1 is so far that the linear model would have the misfit double.
-const FAR: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
+const DISTANCES: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
 
 /// Starts that are fitted from, of all that are looked at, and how far.
 const TAKEN_UP: usize = 6;
-const LOOK: Limits = Limits { iterations: 4, tolerance: 1e-4 };
+const SHORT_FIT: Limits = Limits { iterations: 4, tolerance: 1e-4 };
 
 /// Most rounds, and the part of the misfit by which one must fall to be followed by another.
-const ROUNDS: usize = 4;
+const MOST_ROUNDS: usize = 4;
 const FALLS: f64 = 0.005;
 
 /// Effort for valleys when a search has used up all of its own.
 const FOR_VALLEYS: u64 = 100_000_000;
 
 /// The fit from the best place found.
-const LAST: Limits = Limits { iterations: 10, tolerance: 1e-6 };
+const FINAL_FIT: Limits = Limits { iterations: 10, tolerance: 1e-6 };
 
 /// `now` fitted again from the best place within reach. `None` where the valley is no such one, or nothing is better.
 #[must_use]
@@ -52,15 +52,15 @@ pub fn escape_local_minimum(now: &FittedModel, context: &Context) -> Option<Fitt
     let in_time = |linearisations: usize| {
         now.problem.effort.spent() + linearisation * linearisations as u64 <= MOST_EFFORT + FOR_VALLEYS
     };
-    for _ in 0..ROUNDS {
+    for _ in 0..MOST_ROUNDS {
         let falls = |(cost, _): &(f64, Point)| *cost <= (1.0 - FALLS) * least;
-        if !in_time(TAKEN_UP * LOOK.iterations) {
+        if !in_time(TAKEN_UP * SHORT_FIT.iterations) {
             break;
         }
         let afar = from_afar(&now.problem, &best, (least, size), &noise).filter(falls);
         let held = || {
             let fits = HELD.len() * now.point.parameters.len();
-            in_time(2 * fits * LOOK.iterations).then(|| from_held(&now.problem, &best, &noise).filter(falls))?
+            in_time(2 * fits * SHORT_FIT.iterations).then(|| from_held(&now.problem, &best, &noise).filter(falls))?
         };
         let Some((found, point)) = afar.or_else(held) else { break };
         (least, best) = (found, point);
@@ -68,7 +68,7 @@ pub fn escape_local_minimum(now: &FittedModel, context: &Context) -> Option<Fitt
     if least >= first {
         return None;
     }
-    FittedModel::fitted(now.problem.clone(), best, &noise, &context.floors, LAST)
+    FittedModel::fitted(now.problem.clone(), best, &noise, &context.floors, FINAL_FIT)
 }
 
 /// The best of the fits from places around `at`, where the misfit is `least`.
@@ -77,7 +77,7 @@ fn from_afar(problem: &Problem, at: &Point, (least, size): (f64, usize), noise: 
     let steps = (0..at.parameters.len()).flat_map(|i| {
         let row = metric.row(i).transpose();
         let along = &metric * &row / row.norm().max(1e-300);
-        [along.clone(), -along].into_iter().flat_map(|step| FAR.map(|far| &step * (far * libm::sqrt(least))))
+        [along.clone(), -along].into_iter().flat_map(|step| DISTANCES.map(|far| &step * (far * libm::sqrt(least))))
     });
     let places: Vec<Point> = steps.map(|step| moved(problem, at, &step)).collect();
     let mut starts: Vec<(f64, Point)> = places.into_par_iter().map(|p| (cost(problem, &p, noise), p)).collect();
@@ -85,7 +85,7 @@ fn from_afar(problem: &Problem, at: &Point, (least, size): (f64, usize), noise: 
     starts.truncate(TAKEN_UP);
     let bounds = problem.bounds();
     let one = |(_, start)| {
-        let done = fit(problem, start, &bounds, noise, LOOK);
+        let done = fit(problem, start, &bounds, noise, SHORT_FIT);
         (done.cost, done.point)
     };
     let fits: Vec<(f64, Point)> = starts.into_par_iter().map(one).collect();
@@ -107,8 +107,8 @@ fn from_held(problem: &Problem, at: &Point, noise: &[Colour]) -> Option<(f64, Po
         start.parameters[i] = value.clamp(bounds[i].min, bounds[i].max);
         let mut held = bounds.clone();
         held[i] = Bound { min: start.parameters[i], max: start.parameters[i] };
-        let along = fit(problem, start, &held, noise, LOOK);
-        let done = fit(problem, along.point, &bounds, noise, LOOK);
+        let along = fit(problem, start, &held, noise, SHORT_FIT);
+        let done = fit(problem, along.point, &bounds, noise, SHORT_FIT);
         (done.cost, done.point)
     };
     let fits: Vec<(f64, Point)> = places.into_par_iter().map(one).collect();

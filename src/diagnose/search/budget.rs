@@ -31,12 +31,12 @@ pub(in crate::diagnose) fn allowance(base: &FittedModel) -> u64 {
 
 /// What a look at one start of a candidate may cost, by the linearisations of a fit that the answer itself may need: ten times the
 /// steps, once. A start that makes a joint chatter cost hundreds (a motor's recording of 33 s without windows: over 200 s).
-const LOOK: u64 = LEAST_LINEARISATIONS / 4;
+const FIRST_ALLOWANCE: u64 = LEAST_LINEARISATIONS / 4;
 
 /// What one step from a start on the windows of `base` may cost.
 #[must_use]
 pub(in crate::diagnose) fn allowance_of_a_look(base: &FittedModel) -> u64 {
-    LOOK * base.cost_of_linearisation()
+    FIRST_ALLOWANCE * base.cost_of_linearisation()
 }
 
 /// True once the work of a whole diagnosis is spent: what stands is answered, and what was not tried is said. Twice that of the

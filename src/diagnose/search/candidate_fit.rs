@@ -59,13 +59,16 @@ pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
     out
 }
 
+/// Of a fit without what it had before.
+pub const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
+
 /// `found` without its effect number `e`, everything else fitted again.
 #[must_use]
 pub fn refit_without(found: &FittedModel, e: usize, context: &Context) -> Option<FittedModel> {
     let mut rig = found.rig.clone();
     rig.effects.remove(e);
     let (problem, point) = found.extended(rig);
-    FittedModel::fitted(problem, point, &found.noise, &context.floors, Limits { iterations: 10, tolerance: 1e-5 })
+    FittedModel::fitted(problem, point, &found.noise, &context.floors, REFIT)
 }
 
 /// For tests: a pendulum shaken for 2 s that hides something, and fits of what may stand for it.

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 /// Part of an effect's gain from which a rival is brought to rest, how many are, and how.
 const NEARBY: f64 = 0.6;
 const SETTLED: usize = 4;
-const LAST: Limits = Limits { iterations: 25, tolerance: 1e-7 };
+const RIVAL_FIT: Limits = Limits { iterations: 25, tolerance: 1e-7 };
 
 /// The near rivals of every effect brought to rest as `found` was: a fit that was stopped early is behind for that alone, and
 /// what this data cannot tell apart would pass for told. Who then stands better takes the place. Not where misfit stays: there
@@ -48,7 +48,7 @@ pub fn converge_rivals(
             let there = in_its_place(&found.rig, trial, context.given + i).map(|rig| found.extended(rig));
             let here = (trial.hypothesis.problem.clone(), trial.hypothesis.point.clone());
             for (problem, start) in there.into_iter().chain([here]) {
-                let finer = within(most, &found, problem, start, (&found.noise, LAST), context);
+                let finer = within(most, &found, problem, start, (&found.noise, RIVAL_FIT), context);
                 let finer = finer.map(|f| refit_states(&f, &context.floors).unwrap_or(f));
                 if let Some(finer) = finer.filter(|f| total(f) > total(&trial.hypothesis)) {
                     trial.gain += total(&finer) - total(&trial.hypothesis);

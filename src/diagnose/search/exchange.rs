@@ -38,7 +38,7 @@ pub fn exchange_and_eliminate(
             continue;
         }
         added[i].gain = kept.total;
-        let rivals = fit_rivals(&found, &added[i], first + i, context, CLOSE * leading(&added[i]));
+        let rivals = fit_rivals(&found, &added[i], first + i, context, CLOSE_RIVAL * leading(&added[i]));
         if let Some(better) = rivals.first().filter(|r| takes_its_place(&found, r, &added[i], kept.total, context)) {
             let old = CandidateFit { candidate: added[i].candidate.clone(), hypothesis: found, gain: kept.total };
             (found, added[i].candidate) = (better.hypothesis.clone(), better.candidate.clone());
@@ -63,7 +63,7 @@ pub(in crate::diagnose) fn in_its_place(rig: &Rig, trial: &CandidateFit, e: usiz
 }
 
 /// Part of the best rival's gain from which a rival is close.
-const CLOSE: f64 = 0.4;
+const CLOSE_RIVAL: f64 = 0.4;
 
 /// Part of an effect's own gain from which a rival is so near that company may turn the order round.
 pub(super) const NEAR: f64 = 0.75;

@@ -26,7 +26,7 @@ pub fn exchange_pairs(
     said: &mut dyn FnMut(&str),
 ) -> FittedModel {
     let counts = |t: &&CandidateFit| t.gain > detection_threshold(context, t.candidate.keys.len());
-    let late: Vec<&CandidateFit> = last.iter().filter(counts).take(LATE).collect();
+    let late: Vec<&CandidateFit> = last.iter().filter(counts).take(OF_LAST_ROUND).collect();
     if late.is_empty() || found.problem.effort.spent() > MOST_EFFORT / 5 * 4 {
         return found;
     }
@@ -93,7 +93,7 @@ const HALF: f64 = 0.5;
 
 /// Rivals of each of two effects that are tried together, and what the last round adds to those of the second.
 const IN_PAIRS: usize = 4;
-const LATE: usize = 3;
+const OF_LAST_ROUND: usize = 3;
 
 #[cfg(test)]
 mod tests {

@@ -17,16 +17,16 @@ use crate::model::rig::{Effect, Rig};
 use rayon::prelude::*;
 
 /// Rotor inertias to start from, as multiples of the best so far: from afar, then ever nearer, as the floor is rough.
-const STARTS: [&[f64]; 4] = [&[0.15, 0.4, 2.0, 5.0], &[0.6, 1.6], &[0.75, 1.3], &[0.87, 1.15]];
+const INERTIA_STARTS: [&[f64]; 4] = [&[0.15, 0.4, 2.0, 5.0], &[0.6, 1.6], &[0.75, 1.3], &[0.87, 1.15]];
 /// Enough to see whether a start leads to a better place.
-const LOOK: Limits = Limits { iterations: 10, tolerance: 1e-5 };
+const RESTART_FIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
 /// The best of `found` and of fits that start elsewhere on its ridges.
 #[must_use]
 pub fn restart_along_ridges(found: FittedModel, context: &Context) -> FittedModel {
     let noise = found.noise.clone();
     let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
-    STARTS.iter().fold(found, |best, shares| {
+    INERTIA_STARTS.iter().fold(found, |best, shares| {
         if is_spent(&best) {
             return best;
         }
@@ -36,7 +36,7 @@ pub fn restart_along_ridges(found: FittedModel, context: &Context) -> FittedMode
             .collect();
         let fitted = |rig: Rig| {
             let (problem, start) = best.extended(rig);
-            FittedModel::fitted(problem, start, &noise, &context.floors, LOOK)
+            FittedModel::fitted(problem, start, &noise, &context.floors, RESTART_FIT)
         };
         let others: Vec<FittedModel> = starts.into_par_iter().filter_map(fitted).collect();
         others.into_iter().fold(best, |best, other| if total(&other) > total(&best) { other } else { best })
@@ -44,7 +44,7 @@ pub fn restart_along_ridges(found: FittedModel, context: &Context) -> FittedMode
 }
 
 /// Damping ratio from which a mode looks for its line again: a narrow one tells where it is.
-const NARROW: f64 = 0.03;
+const NARROW_DAMPING: f64 = 0.03;
 
 /// `rig` with a mode, effect number `e`, at another frequency: the fourth root of `share` times.
 fn beside(rig: &Rig, e: usize, share: f64) -> Option<Rig> {
@@ -55,7 +55,7 @@ fn beside(rig: &Rig, e: usize, share: f64) -> Option<Rig> {
         return None;
     }
     frequency.value *= libm::sqrt(libm::sqrt(share));
-    damping.value = damping.value.min(NARROW);
+    damping.value = damping.value.min(NARROW_DAMPING);
     Some(out)
 }
 

@@ -24,13 +24,13 @@ use rayon::prelude::*;
 const FITTED: usize = 5;
 
 /// Lookalikes of the best that are fitted besides.
-const ALIKE: usize = 9;
+const LOOKALIKES: usize = 9;
 
 /// Of the best, how many are polished under the noise that the best one leaves.
 const POLISHED: usize = 4;
 
 /// How far candidates are fitted before the leaders go on, and again then.
-const COARSE: Limits = Limits { iterations: 4, tolerance: 3e-4 };
+const COARSE_FIT: Limits = Limits { iterations: 4, tolerance: 3e-4 };
 
 /// Most candidates that go on.
 const LEADING: usize = 5;
@@ -148,7 +148,8 @@ fn split<'c>(ranked: Vec<Ranked<'c>>) -> (Vec<Ranked<'c>>, Vec<Ranked<'c>>) {
     let leaders: Vec<&Candidate> = ranked.iter().take(3).map(|r| r.0).collect();
     let wanted =
         |(i, (c, ..)): &(usize, &Ranked<'_>)| *i < FITTED || leaders.iter().any(|l| look_alike(l.effect, c.effect));
-    let mut out: Vec<usize> = ranked.iter().enumerate().filter(wanted).take(FITTED + ALIKE).map(|(i, _)| i).collect();
+    let mut out: Vec<usize> =
+        ranked.iter().enumerate().filter(wanted).take(FITTED + LOOKALIKES).map(|(i, _)| i).collect();
     let plain = ranked.iter().enumerate().filter(|(_, (c, ..))| !c.has_inner_states()).take(FITTED);
     out.extend(plain.map(|(i, _)| i));
     // A foot that lands a little earlier is an edge: one step says nothing of what changes the ground.
@@ -165,7 +166,7 @@ fn split<'c>(ranked: Vec<Ranked<'c>>) -> (Vec<Ranked<'c>>, Vec<Ranked<'c>>) {
 }
 
 /// Part of the leader's gain from which what changes the ground is fitted from its other starts too.
-const CLOSE: f64 = 0.3;
+const GROUND_RIVAL: f64 = 0.3;
 
 /// Starts that are fitted at a time while the round may go on.
 const BATCH: usize = 8;
@@ -248,7 +249,7 @@ pub fn round(
         said(&format!("   {:20} {:12} promises {gain:9.1} from {start:.4?}", c.effect, c.at));
     }
     let is_curious = base.rig.effects.len() == context.given || most > CURIOUS * detection_threshold(context, 1);
-    let fits = near_fits(base, thin.as_ref(), near, (&noise, COARSE), rule);
+    let fits = near_fits(base, thin.as_ref(), near, (&noise, COARSE_FIT), rule);
     let trials = coarse_fits(base, (few, rule), (fits, ranked), &noise, is_curious);
     let mut trials = best_of_each(trials);
     trials = gone_on(base, thin.as_ref(), (trials, near), &noise, context);
@@ -296,7 +297,7 @@ fn coarse_fits(
     let allowed = allowance(few);
     let fitted = |(candidate, start, _): &Ranked<'_>| {
         let (problem, point) = few.extended(with_effect(&few.rig, candidate, start));
-        let hypothesis = within(allowed, base, problem, point, (noise, COARSE), rule)?;
+        let hypothesis = within(allowed, base, problem, point, (noise, COARSE_FIT), rule)?;
         Some(CandidateFit { candidate: (*candidate).clone(), hypothesis, gain: 0.0 })
     };
     let effort = || base.problem.effort.spent();
@@ -314,7 +315,7 @@ fn coarse_fits(
     rank(few, &mut trials, rule);
     // Between a foot that lands earlier or later are edges that no step crosses: one that is close may be closer from elsewhere.
     let most = trials.first().map_or(0.0, |t| t.gain);
-    let is_close = |c: &Candidate| trials.iter().any(|t| t.candidate.is_same_as(c) && t.gain > CLOSE * most);
+    let is_close = |c: &Candidate| trials.iter().any(|t| t.candidate.is_same_as(c) && t.gain > GROUND_RIVAL * most);
     let again: Vec<&Ranked<'_>> = left.iter().filter(|(c, ..)| c.at == "ground" && is_close(c)).collect();
     if !again.is_empty() {
         trials.par_extend(again.into_par_iter().filter_map(fitted));
@@ -347,7 +348,7 @@ fn gone_on(
     let most = allowance(base);
     let Some(thin) = thin else {
         trials[..leading].par_iter_mut().for_each(|trial| {
-            let finer = further(most, base, &trial.hypothesis, (noise, COARSE), context);
+            let finer = further(most, base, &trial.hypothesis, (noise, COARSE_FIT), context);
             if let Some(finer) = finer.filter(|f| f.likelihood > trial.hypothesis.likelihood) {
                 trial.hypothesis = finer;
             }
@@ -357,7 +358,7 @@ fn gone_on(
     trials.truncate(leading);
     let wide = |trial: CandidateFit| {
         let (problem, point) = thin.widened(base, &trial.hypothesis);
-        let hypothesis = within(most, base, problem, point, (noise, COARSE), context)?;
+        let hypothesis = within(most, base, problem, point, (noise, COARSE_FIT), context)?;
         Some(CandidateFit { hypothesis, ..trial })
     };
     trials.into_par_iter().filter_map(wide).collect()

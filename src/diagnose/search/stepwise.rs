@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use std::cell::OnceCell;
 
 /// Most effects that are added.
-pub const MOST: usize = 4;
+pub const MOST_EFFECTS: usize = 4;
 
 /// Candidates of a round, best first, that are asked whether they are believed; others are if they gain nearly as much as the first, of so
 /// many kinds (ripples of several orders are one), or were runners-up of the round before.
@@ -295,7 +295,7 @@ impl<'s> Search<'s> {
     /// True if nothing may be added.
     fn is_full(&self) -> bool {
         let local = self.all.added.iter().filter(|a| is_local_here(&self.all.found, &a.candidate)).count();
-        self.all.added.len() >= MOST || local >= LOCAL_TERMS
+        self.all.added.len() >= MOST_EFFECTS || local >= LOCAL_TERMS
     }
 
     /// True if the leader only freed the fit from a false minimum; the search then goes on from there.
