@@ -10,12 +10,11 @@ use crate::diagnose::explain::localise::places;
 use crate::diagnose::explain::sentence;
 use crate::diagnose::explain::tables::{estimates, parameter_lines, ranking, undetermined_combinations};
 use crate::diagnose::input_checks::{at_bounds, contradicted, suspicions};
-use crate::diagnose::judge::criterion::{Context, compare, explained_part};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::evidence::{Comparison, Ledger};
 use crate::diagnose::judge::numbers::{LEAST_SHARE, LONGEST_MEMORY};
 use crate::diagnose::judge::verdict::{
-    Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, is_far_beyond_chance, may_have_missed, refit_is_needed,
-    verdict_of,
+    Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, may_have_missed, refit_is_needed, verdict_of,
 };
 use crate::diagnose::library::initial_guesses::candidates;
 use crate::diagnose::nameless::pooling_test::{no_common_machine, unfollowed};
@@ -253,7 +252,7 @@ fn without_slow_noise(base: &FittedModel, last: &[CandidateFit], context: &Conte
     FittedModel::at(problem, base.point.clone(), base.information.clone(), &context.floors)
 }
 
-/// `base` with the noise that the best candidate left, where none was believed though that one gained far more than chance: what
+/// `base` with the noise that the best candidate left, where none was believed though that one gained more than chance: what
 /// it took away passed for coloured noise (a shaken base for a ringing link without damping).
 fn as_leader_hears(
     base: &FittedModel,
@@ -261,7 +260,7 @@ fn as_leader_hears(
     last: &[CandidateFit],
     context: &Context,
 ) -> Option<FittedModel> {
-    let heard = |t: &&CandidateFit| is_far_beyond_chance(t.gain, t.candidate.keys.len(), context);
+    let heard = |t: &&CandidateFit| t.gain > detection_threshold(context, t.candidate.keys.len());
     let leader = last.first().filter(heard).filter(|_| added.is_empty())?;
     Some(FittedModel { noise: leader.hypothesis.noise.clone(), ..base.clone() })
 }

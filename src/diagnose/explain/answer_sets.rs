@@ -6,13 +6,15 @@ use crate::diagnose::explain::sentence;
 use crate::diagnose::explain::tables::{estimates, step_s};
 use crate::diagnose::judge::credible_set::weight_in_set;
 use crate::diagnose::judge::criterion::{Context, detection_threshold};
-use crate::diagnose::judge::numbers::MEMBERS;
 use crate::diagnose::judge::verdict::{Estimate, Member, Missing, Rejected};
 use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::identify::fitted_model::FittedModel;
 use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Rig, Scope, Slot};
 use std::collections::BTreeMap;
+
+/// Most members of a set: more are no answer.
+const MOST_MEMBERS: usize = 4;
 
 /// The entries of `missing` for what was added to `base`.
 #[must_use]
@@ -23,7 +25,7 @@ pub fn answer_sets(explained: &FittedModel, added: &[SelectedEffect], context: &
         let rivals: Vec<(Member, f64)> =
             a.others.iter().filter_map(|t| rival(explained, t, (first + i, a.gain), context)).collect();
         members.extend(twins(&members[0]));
-        for (m, weight) in rivals.into_iter().take(MEMBERS - 1) {
+        for (m, weight) in rivals.into_iter().take(MOST_MEMBERS - 1) {
             if !members.iter().any(|x| x.effect == m.effect && x.at == m.at) {
                 members.push(Member { weight, ..m });
             }

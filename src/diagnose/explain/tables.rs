@@ -3,7 +3,7 @@
 //! RT: no.
 
 use crate::diagnose::judge::criterion::{Context, explained_part};
-use crate::diagnose::judge::numbers::FORM_SAMPLES;
+use crate::diagnose::judge::evidence::coarsening;
 use crate::diagnose::judge::verdict::{Estimate, ParameterLine, Ranked};
 use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::identify::fitted_model::FittedModel;
@@ -72,13 +72,13 @@ fn is_instant(of: &FittedModel, i: usize) -> bool {
 /// Number `i` of a fit at `value`, of this deviation in the coordinate of the fit.
 ///
 /// Its deviation is what the residual shows. Its interval holds besides what no residual shows:
-/// - No form is exact. Beyond [`FORM_SAMPLES`] more samples do not make it truer: the likelihood is coarsened (Miller and
+/// - No form is exact. Beyond some thousands ([`form_samples`](crate::diagnose::judge::evidence::form_samples)) more samples do not make it truer: the likelihood is coarsened (Miller and
 ///   Dunson 2019), as it is in the threshold from which a mismatch counts.
 /// - A recording tells when only to a sample. That commands act, or a sensor reads, somewhere within a row has the variance
 ///   of an even density, a twelfth of what a whole row does.
 fn estimate(of: &FittedModel, i: usize, value: f64, std: f64) -> Estimate {
     let log = of.problem.logarithmic[i];
-    let form = 1.0 + of.samples() as f64 / FORM_SAMPLES;
+    let form = 1.0 / coarsening(of.samples());
     let within_a_row = of.row_shifts.iter().map(|shift| shift[i] * shift[i]).sum::<f64>() / 12.0;
     let whole = libm::sqrt(form * std * std + within_a_row);
     // Of what the data does not see, the value itself is the scale.

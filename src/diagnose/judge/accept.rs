@@ -6,7 +6,7 @@
 use super::criterion::{Context, compare, detection_threshold};
 use super::evidence::{Comparison, Evidence};
 use super::flexibility::is_overly_flexible;
-use super::numbers::{AT_BOUND, DEVIATIONS, FAR_BEYOND_CHANCE, FORM, LEAST_PERIODS, LEAST_SHARE, QUARTER, ROUGH_FORM};
+use super::numbers::{DEVIATIONS, FORM, LEAST_PERIODS, LEAST_SHARE, QUARTER, ROUGH_FORM};
 use crate::diagnose::explain::tables::estimates;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::held_out::Confirmation;
@@ -69,7 +69,7 @@ pub fn is_significant(candidate: &Candidate, sure: Difference) -> bool {
 #[must_use]
 pub fn is_at_bound(effect: &Effect) -> bool {
     let hits = |value: &Value| {
-        let at = |bound: f64| bound != 0.0 && (value.value / bound - 1.0).abs() < AT_BOUND;
+        let at = |bound: f64| bound != 0.0 && (value.value / bound - 1.0).abs() < FORM;
         value.bounds.is_some_and(|b| at(b.min) || at(b.max))
     };
     let resonance =
@@ -122,10 +122,9 @@ fn obeys_the_rules(
         return false;
     }
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
-    // A strength that a base parameter shares is uncertain; that it is none is not, with a gain like this.
-    let beyond_doubt = !misfit && trial.gain > FAR_BEYOND_CHANCE * threshold;
     let last = trial.hypothesis.rig.effects.len().saturating_sub(1);
-    if !beyond_doubt && strength_is_undetermined(&trial.hypothesis.clone().with_intervals(), last) {
+    // Where but noise is left, a strength that a base parameter shares is uncertain; that it is none is not.
+    if misfit && strength_is_undetermined(&trial.hypothesis.clone().with_intervals(), last) {
         said(&format!("   {effect} is not two deviations from nothing"));
         return false;
     }

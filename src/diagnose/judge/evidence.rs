@@ -5,7 +5,7 @@
 //! ```text
 //! E =  z * gain                    how much better it explains the fit recordings: twice the log-likelihood
 //!    - ln det(1 + z P H)           Occam: what the data had to teach; P prior variances, H reduced information
-//!    - 2 ln(m / p)                 m candidates were tried; p is the prior odds of a term
+//!    - 2 ln(m / p)                 m candidates were tried; p are the prior odds of a term, one of 32
 //! z =  1 / (1 + N / N0)            no form is exact: beyond N0 samples more data do not make it truer
 //! ```
 //! Laplace's approximation (Kass and Raftery 1995) of a coarsened likelihood (Miller and Dunson 2019). Exact where the model
@@ -13,8 +13,9 @@
 //!
 //! RT: no.
 
-use super::numbers::{FORM_SAMPLES, NEARLY_ALL, TERM_ODDS};
+use super::numbers::{LEAST_GAIN, LEAST_GAIN_PER_SAMPLE, NEARLY_ALL};
 use crate::identify::fitted_model::FittedModel;
+use crate::model::effect::EffectKind;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 use std::sync::{Arc, Mutex};
@@ -37,7 +38,7 @@ impl Evidence {
     pub fn over(other: &FittedModel, model: &FittedModel, gain: f64, tried: usize) -> Self {
         let part = coarsening(model.samples());
         let cost = |of: &FittedModel| occam(&of.information, &prior(of), part);
-        let search = if tried == 0 { 0.0 } else { -2.0 * libm::log(tried as f64 / TERM_ODDS) };
+        let search = if tried == 0 { 0.0 } else { -2.0 * libm::log((tried * EffectKind::ALL.len()) as f64) };
         Self { fit: part * gain, occam: cost(other) - cost(model), search }
     }
 
@@ -54,10 +55,16 @@ impl Evidence {
     }
 }
 
+/// Samples beyond which more of them make no form truer: where the two limits of the detection threshold meet.
+#[must_use]
+pub fn form_samples() -> f64 {
+    LEAST_GAIN / LEAST_GAIN_PER_SAMPLE
+}
+
 /// Part of a likelihood of so many samples that counts.
 #[must_use]
 pub fn coarsening(samples: usize) -> f64 {
-    1.0 / (1.0 + samples as f64 / FORM_SAMPLES)
+    1.0 / (1.0 + samples as f64 / form_samples())
 }
 
 /// `ln det(1 + z P H)`.
@@ -155,6 +162,6 @@ mod tests {
     fn more_samples_of_the_same_never_count_for_more_than_a_given_number_of_them() {
         let fit = |samples: usize| coarsening(samples) * 0.5 * samples as f64;
         assert!((fit(10) / 5.0 - 1.0).abs() < 0.01);
-        assert!(fit(100_000) < 0.5 * FORM_SAMPLES && fit(10_000_000) > 0.49 * FORM_SAMPLES);
+        assert!(fit(100_000) < 0.5 * form_samples() && fit(10_000_000) > 0.49 * form_samples());
     }
 }

@@ -12,14 +12,6 @@
 pub const LEAST_GAIN: f64 = 60.0;
 /// The same per sample. *Measured:* rounding and solvers of other simulators bring up to .025 on healthy cases.
 pub const LEAST_GAIN_PER_SAMPLE: f64 = 0.02;
-/// Samples beyond which more of them make no form truer: where the two limits above meet. *Derived.*
-pub const FORM_SAMPLES: f64 = LEAST_GAIN / LEAST_GAIN_PER_SAMPLE;
-/// Prior odds that a kind of term is missing, for the evidence, which decides nothing. *Derived:* two cases of three lack something, one
-/// of 33 kinds.
-pub const TERM_ODDS: f64 = 2.0 / 3.0 / 33.0;
-/// Gain in thresholds that no healthy machine shows, and from which a strength that shares its information with the base is believed all
-/// the same. *Measured:* healthy ones stay below a third of it.
-pub const FAR_BEYOND_CHANCE: f64 = 2.0;
 /// Lead of one model over another, in twice the log-likelihood, that is clear. *Argued:* odds of 150 to 1 (Kass and Raftery 1995: very
 /// strong).
 pub const CLEAR_LEAD: f64 = 10.0;
@@ -49,24 +41,14 @@ pub const NEARLY_ALL: f64 = 0.95;
 
 // Can it be found in these recordings?
 
-/// Relative distance to a bound at which a number was cut off rather than found. *Argued:* the last step of a fit.
-pub const AT_BOUND: f64 = 0.01;
 /// Periods of a swing within a window, or of a ripple within the travel, below which it is none. *Argued:* half a wave is a parabola.
 pub const LEAST_PERIODS: f64 = 0.75;
-/// Periods of a ripple within the travel below which it is not told from another law of position, in smooth misfit. *Argued.*
-pub const PERIODS_IN_MISFIT: f64 = 3.0;
-/// Effects that fit a piece of anything, from which on they are a poor man's free curve. *Argued.*
-pub const LOCAL_TERMS: usize = 2;
-/// Rows by which the instant of a reading may be off. *By definition:* it stands at the nearest row.
-pub const HALF_A_ROW: f64 = 0.5;
 /// How long a touchdown takes at most, s. *Stated:* soft contacts of simulators and rubber feet settle within it; what moves a robot
 /// for longer is no contact's finish.
 pub const TOUCHDOWN_S: f64 = 0.01;
 
 // What is said of it?
 
-/// Most members of a set. *Stated:* more are no answer.
-pub const MEMBERS: usize = 4;
 /// Smallest part of the misfit that an effect removes when it matters; `--least` asks for another. *Measured:* 13 of 186 healthy
 /// cases of other simulators were called ill for something that removes .02 to .11; the least of a true one
 /// was .13 in 88 cases with effects and .10 in `blind-dev` (a drive's limit).

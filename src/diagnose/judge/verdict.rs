@@ -8,19 +8,13 @@ pub use crate::report::findings::{
 };
 
 use super::criterion::{Context, detection_threshold};
-use super::numbers::{FAR_BEYOND_CHANCE, NEARLY_ALL, QUARTER};
+use super::numbers::{NEARLY_ALL, QUARTER};
 use crate::identify::likelihood::Difference;
 
 /// True if the numbers of the rig as given had to be fitted again; `gain`: of the re-fit with so many numbers.
 #[must_use]
 pub fn refit_is_needed(gain: Difference, numbers: usize, context: &Context) -> bool {
     gain.total > detection_threshold(context, numbers) && gain.low > 0.0
-}
-
-/// True if a candidate of so many numbers gains what no healthy machine shows, whether it was accepted or not.
-#[must_use]
-pub fn is_far_beyond_chance(gain: f64, numbers: usize, context: &Context) -> bool {
-    gain > FAR_BEYOND_CHANCE * detection_threshold(context, numbers)
 }
 
 /// True if an effect that removes this part of the misfit matters, where the smallest that does removes `least`.

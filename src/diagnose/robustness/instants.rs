@@ -7,16 +7,18 @@
 //! count; else half a row that is late is called a clock, a lag, a push.
 //! RT: no.
 
-use crate::diagnose::judge::numbers::HALF_A_ROW;
 use crate::diagnose::robustness::touchdowns::touchdown_changes;
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
 use crate::diagnose::search::candidate_fit::REFIT;
 use crate::identify::covariance::Change;
-use crate::identify::fit::{Bound, FreeRuns, Limits, Point, Series, fit};
+use crate::identify::fit::{Bound, FreeRuns, Point, Series, fit};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use crate::identify::sampling::one_row_later;
+
+/// Rows by which the instant of a reading may be off: it stands at the nearest row.
+const HALF_A_ROW: f64 = 0.5;
 
 /// Changes of the predictions when all angles are read a row later, and when all rates are. A command that acts a row earlier is
 /// both together.

@@ -3,11 +3,10 @@
 //! RT: no.
 
 use crate::diagnose::judge::accept::{is_accepted, is_admissible};
-use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::criterion::{Context, detection_threshold};
 use crate::diagnose::judge::flexibility::is_local_here;
 use crate::diagnose::judge::numbers::QUARTER;
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
-use crate::diagnose::judge::verdict::is_far_beyond_chance;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::cross_validation::LeaveOneRecordingOut;
 use crate::diagnose::search::candidate_fit::{CandidateFit, MOST_EFFORT};
@@ -27,7 +26,7 @@ pub(super) fn add_jointly(
     said: &mut dyn FnMut(&str),
 ) -> Option<[CandidateFit; 2]> {
     let mut leaders: Vec<&CandidateFit> = Vec::new();
-    for trial in last.iter().filter(|t| is_far_beyond_chance(t.gain, t.candidate.keys.len(), context)) {
+    for trial in last.iter().filter(|t| t.gain > detection_threshold(context, t.candidate.keys.len())) {
         let e = trial.hypothesis.rig.effects.len() - 1;
         let is_new = leaders.iter().all(|l| l.candidate.effect != trial.candidate.effect);
         if is_new && !is_local_here(found, &trial.candidate) && is_admissible(&trial.hypothesis, e, context) {
