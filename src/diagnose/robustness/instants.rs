@@ -3,11 +3,14 @@
 //!
 //! Two simulators of one machine that hold a command, step and read in another order differ by that much, and so do a drive and
 //! its logger ([`crate::identify::sampling`]). They read all angles at one instant of their step, and all rates at one; so these move
-//! together, and one sensor that is late beside the others is a finding. Beside what those instants explain an effect must still
-//! count; else half a row that is late is called a clock, a lag, a push.
+//! together, and one sensor that is late beside the others is a finding. What goes with rates (coupling, damping) they take from the rates
+//! before the step or after it: that acts half a row late or early as well ([`rate_forces_later`]). Beside what those instants explain
+//! an effect must still count; else half a row that is late is called a clock, a lag, a push, a drag.
 //! RT: no.
 
 use crate::diagnose::robustness::touchdowns::touchdown_changes;
+use crate::diagnose::screen::linearise::ltv_windows;
+use crate::diagnose::screen::ltv::{LtvWindow, STATES, StateRow};
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
 use crate::diagnose::search::candidate_fit::REFIT;
 use crate::identify::covariance::Change;
@@ -34,6 +37,32 @@ fn readings_later(of: &FittedModel) -> Vec<Change> {
         Some(own.fold(first, sum))
     };
     [false, true].into_iter().filter_map(together).collect()
+}
+
+/// Changes of the predictions when forces that go with rates follow those of a row before: an integrator that takes them from the
+/// beginning of its step is half a step late with them, an implicit one early. By the tangent: over row k the rates change by
+/// `(V_k - I) (v_(k+1) - v_k)` less, where `V_k` is how they carry over.
+fn rate_forces_later(windows: &[LtvWindow]) -> Column {
+    let of_window = |window: &LtvWindow| {
+        let coordinates = window.rates.len();
+        let rates = coordinates.min(STATES / 2);
+        let rate = |k: usize, i: usize| window.states[k].get(coordinates + i).copied().unwrap_or(0.0);
+        let mut out = vec![Vec::with_capacity(window.rows()); window.output.len()];
+        let mut x = StateRow::zeros();
+        for k in 0..window.rows() {
+            for (channel, row) in out.iter_mut().zip(&window.output) {
+                channel.push(row.dot(&x));
+            }
+            let Some(phi) = window.phi.get(k).filter(|_| k + 1 < window.rows()) else { continue };
+            x = phi * x;
+            for i in 0..rates {
+                let carried = |j: usize| phi[(rates + i, rates + j)] - if i == j { 1.0 } else { 0.0 };
+                x[rates + i] -= (0..rates).map(|j| carried(j) * (rate(k + 1, j) - rate(k, j))).sum::<f64>();
+            }
+        }
+        out
+    };
+    windows.iter().map(of_window).collect()
 }
 
 /// Two changes at the same time.
@@ -73,7 +102,7 @@ fn cost_beside_instants(free: &FreeInstants, start: Point, noise: &[Colour]) -> 
 
 /// Rise of twice the log-likelihood of `of` under `noise` when readings move within their rows and touchdowns take their moment.
 fn explained_by_instants(of: &FittedModel, free: &FreeInstants, noise: &[Colour], only: Option<&str>) -> f64 {
-    let (changes, touchdowns) = free.changes.split_at(free.readings);
+    let (changes, touchdowns) = free.changes.split_at(free.within_a_row);
     if changes.is_empty() {
         return 0.0;
     }
@@ -99,12 +128,12 @@ fn explained_by_instants(of: &FittedModel, free: &FreeInstants, noise: &[Colour]
     screen.promise(&[&columns[..], touchdowns].concat(), &[], &bounds).max(0.0)
 }
 
-/// A problem in which the predictions move by changes whose sizes are fitted as well: the instants of the readings within their rows,
-/// in rows, then the states after touchdowns, once either way.
+/// A problem in which the predictions move by changes whose sizes are fitted as well: the instants of readings and of forces that go with
+/// rates within their rows, in rows, then the states after touchdowns, once either way.
 pub struct FreeInstants<'p> {
     problem: &'p Problem,
     changes: Vec<Change>,
-    readings: usize,
+    within_a_row: usize,
 }
 
 impl<'p> FreeInstants<'p> {
@@ -112,15 +141,19 @@ impl<'p> FreeInstants<'p> {
     #[must_use]
     pub fn around(of: &'p FittedModel) -> (Self, Point) {
         let mut changes = readings_later(of);
-        let readings = changes.len();
-        changes.extend(touchdown_changes(of));
+        let windows = ltv_windows(of).unwrap_or_default();
+        if !windows.is_empty() {
+            changes.push(rate_forces_later(&windows));
+        }
+        let within_a_row = changes.len();
+        changes.extend(touchdown_changes(of, &windows));
         let parameters = [&of.point.parameters[..], &vec![0.0; changes.len()]].concat();
-        (Self { problem: &of.problem, changes, readings }, Point { parameters, states: of.point.states.clone() })
+        (Self { problem: &of.problem, changes, within_a_row }, Point { parameters, states: of.point.states.clone() })
     }
 
     /// Of the sizes of the changes.
     fn bounds(&self) -> Vec<Bound> {
-        let most = |i: usize| if i < self.readings { HALF_A_ROW } else { 1.0 };
+        let most = |i: usize| if i < self.within_a_row { HALF_A_ROW } else { 1.0 };
         (0..self.changes.len()).map(|i| Bound { min: -most(i), max: most(i) }).collect()
     }
 }
@@ -166,8 +199,10 @@ impl FreeRuns for FreeInstants<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::screen::ltv::tests::mass;
     use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
     use crate::identify::experiment::Recording;
+    use crate::identify::fit::Limits;
     use crate::identify::synthesis::record;
     use crate::model::rig::Rig;
 
@@ -227,6 +262,26 @@ mod tests {
         assert!(gain > 100.0 && beside > 0.3 * gain, "{gain} {beside}");
         let (gain, beside) = gains_of_two(&["y", "z"]);
         assert!(gain > 100.0 && beside.abs() < 0.05 * gain, "{gain} {beside}");
+    }
+
+    /// A mass with a damper, `v' = -d v`, rows of 10 ms, that tells its rate.
+    #[test]
+    fn forces_half_a_row_late_are_what_an_explicit_euler_step_a_row_makes_of_a_damper() {
+        let (d, h) = (2.0_f64, 0.01_f64);
+        let carries = libm::exp(-d * h);
+        let v = |k: usize| libm::exp(-d * h * k as f64);
+        let mut damped = mass();
+        damped.states = (0..100).map(|k| vec![(1.0 - v(k)) / d, v(k)]).collect();
+        damped.phi.iter_mut().for_each(|phi| {
+            phi[(0, 1)] = (1.0 - carries) / d;
+            phi[(1, 1)] = carries;
+        });
+        damped.output = damped.rates.clone();
+        let change = rate_forces_later(&[damped]).remove(0).remove(0);
+        for k in [1, 50, 99] {
+            let euler = libm::pow(1.0 - d * h, k as f64);
+            assert!((0.5 * change[k] / (euler - v(k)) - 1.0).abs() < 0.03, "{k}: {} {}", 0.5 * change[k], euler - v(k));
+        }
     }
 
     #[test]

@@ -7,7 +7,6 @@
 //! RT: no.
 
 use crate::diagnose::judge::numbers::TOUCHDOWN_S;
-use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::ltv::{LtvWindow, StateRow};
 use crate::diagnose::screen::score_test::Column;
 use crate::identify::fitted_model::FittedModel;
@@ -17,12 +16,11 @@ const STATE: usize = 4;
 
 /// Changes of the predictions when one number of the state after one touchdown moves by what [`TOUCHDOWN_S`] makes of it: for
 /// each touchdown that was recorded and each number. No two touchdowns take the same moment.
-pub(super) fn touchdown_changes(of: &FittedModel) -> Vec<Column> {
+pub(super) fn touchdown_changes(of: &FittedModel, windows: &[LtvWindow]) -> Vec<Column> {
     let recordings = &of.problem.recordings;
     if recordings.iter().all(|r| r.stance.is_empty()) {
         return Vec::new();
     }
-    let Some(windows) = ltv_windows(of) else { return Vec::new() };
     let joints = of.rig.mechanism.coordinates().len();
     let of_window = |(w, window): (usize, &LtvWindow)| -> Vec<Column> {
         let stance = recordings[window.recording].stance.get(of.problem.spans[w].clone()).unwrap_or_default();
@@ -70,6 +68,7 @@ fn by_a_moment(window: &LtvWindow, k: usize, joints: usize, number: usize) -> f6
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::screen::linearise::ltv_windows;
     use crate::diagnose::screen::ltv::tests::mass;
     use crate::identify::experiment::Recording;
     use crate::identify::fitted_model::FittedModel;
@@ -81,6 +80,10 @@ mod tests {
         gravity_m_s2 = 9.81\nc1 = 0.1007\nc2 = { value = 0.1434, min = 0.07, max = 0.3 }\nc3 = 0.000596\nc4 = 0.1151\n\
         c5 = 0.1264\nc6 = 0.0026\n[[actuator]]\njoint = \"hip\"\ncolumn = \"u\"\ngain = 1.0\n\
         [[sensor]]\nmeasures = \"inner\"\ncolumn = \"inner_rad\"\n[[sensor]]\nmeasures = \"hip\"\ncolumn = \"hip_rad\"\n";
+
+    fn changes_of(walk: &FittedModel) -> Vec<Column> {
+        touchdown_changes(walk, &ltv_windows(walk).unwrap())
+    }
 
     /// A robot that falls forwards onto its other leg in mid-recording; rows of 4 ms.
     fn walk(stance: Vec<u8>) -> FittedModel {
@@ -105,15 +108,15 @@ mod tests {
     #[test]
     fn each_touchdown_may_move_each_number_of_the_state_and_nothing_before_it() {
         let changed_at = |k: usize| (0..60).map(|row| u8::from(row >= k)).collect();
-        let changes = touchdown_changes(&walk(changed_at(30)));
+        let changes = changes_of(&walk(changed_at(30)));
         assert_eq!(changes.len(), STATE);
         for change in &changes {
             let before = change[0].iter().flat_map(|channel| &channel[..30]);
             assert!(before.copied().all(|y| y == 0.0));
             assert!(change[0].iter().flatten().any(|y| *y != 0.0), "something after it");
         }
-        assert!(touchdown_changes(&walk(changed_at(60))).is_empty(), "no touchdown");
-        assert!(touchdown_changes(&walk(Vec::new())).is_empty(), "none that was recorded");
+        assert!(changes_of(&walk(changed_at(60))).is_empty(), "no touchdown");
+        assert!(changes_of(&walk(Vec::new())).is_empty(), "none that was recorded");
     }
 
     #[test]
@@ -122,7 +125,7 @@ mod tests {
         let [window] = &ltv_windows(&of).unwrap()[..] else { panic!() };
         let joints = of.rig.mechanism.coordinates().len();
         let rate = |row: usize| window.states[row][joints];
-        let inner_after = touchdown_changes(&of)[0][0][0][30];
+        let inner_after = changes_of(&of)[0][0][0][30];
         assert!((inner_after - 0.01 * (rate(29) - rate(30))).abs() < 1e-12, "{inner_after}");
     }
 }
