@@ -22,13 +22,13 @@
 //! |---|---|---|
 //! | is anything missing? | gain over max(60, .02 N) + k ln N, in every part of the recordings | [`judge::criterion`], [`judge::accept`] |
 //! | is it that effect? | no bound hit, states that go on from window to window, .25 of the gain on recordings left out, or of what it promises on recordings kept back | [`judge::accept`], [`judge::continuity`] |
-//! | or a piece of anything? | pushes, jumps and few waves of a ripple are not taken beside smooth misfit | [`judge::flexibility`] |
-//! | a further effect? | 2, 4 or 15 % of what those before it gained | [`judge::accept`] |
+//! | or a piece of anything? | pushes and jumps are not taken beside smooth misfit; less than half a wave is no ripple | [`judge::flexibility`] |
+//! | a further effect? | 2 % of what those before it gained, 15 % where smooth misfit stays | [`judge::accept`] |
 //! | which of two? | 10 ahead; the simpler one with .95 of the gain | [`judge::exchange`], [`judge::simplicity`] |
-//! | what stands beside it? | within two deviations, or within the error of form | [`judge::credible_set`] |
-//! | nothing of the library? | a free force ahead of all that was listed, that predicts; over time, only where recordings kept back do not bear out what was listed | [`judge::nameless`], [`residual_force`] |
+//! | what stands beside it? | within two deviations, or within the error of form: 2 and 15 % as above, at most 60 | [`judge::credible_set`] |
+//! | nothing of the library? | a free force .25 ahead of all that was listed, that predicts; over time, only where recordings kept back do not bear out what was listed | [`judge::nameless`], [`residual_force`] |
 //! | or is it only late? | the same gain beside angles, and rates, that are all off by up to half a row, and touchdowns that take up to 10 ms | [`judge::accept`], [`instants`], [`touchdowns`] |
-//! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back; an event in its own, cut into windows that show it, where it leaves but noise; a force without a name whatever it promises | [`judge::verdict`], [`held_out`] |
+//! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back; an event in its own, cut into windows that show it, where it leaves at most .25 of the squares above noise; a force without a name whatever it promises | [`judge::verdict`], [`held_out`] |
 //! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
 //!
 //! Beside these rules stands one evidence, [`judge::evidence`]: a likelihood whose form is not exact, less what its numbers and the

@@ -6,7 +6,7 @@
 use super::criterion::{Context, compare, detection_threshold};
 use super::evidence::{Comparison, Evidence};
 use super::flexibility::is_overly_flexible;
-use super::numbers::{DEVIATIONS, FORM, LEAST_PERIODS, LEAST_SHARE, QUARTER, ROUGH_FORM};
+use super::numbers::{DEVIATIONS, FORM, GREATER_PART, LEAST_SHARE, QUARTER, ROUGH_FORM};
 use crate::diagnose::explain::tables::estimates;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::held_out::Confirmation;
@@ -176,7 +176,7 @@ fn is_at_zero(trial: &CandidateFit) -> bool {
 #[must_use]
 pub fn has_slack_spring(rig: &Rig, given: usize, window_s: f64) -> bool {
     let mut hz = rig.effects.iter().skip(given).filter_map(|effect| resonance_hz(rig, effect));
-    hz.any(|hz| hz * window_s < LEAST_PERIODS)
+    hz.any(|hz| hz * window_s < GREATER_PART)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 //! RT: no.
 
 use super::criterion::Context;
-use super::numbers::{GREATER_PART, LEAST_PERIODS};
+use super::numbers::GREATER_PART;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::search::candidate_fit::CandidateFit;
 use crate::identify::fitted_model::FittedModel;
@@ -21,11 +21,11 @@ pub fn is_local_term(rig: &Rig, kind: EffectKind) -> bool {
     }
 }
 
-/// True for less than a wave of a ripple, and for a push or a jump where more than noise stays: they fit a piece of any smooth misfit.
+/// True for less than half a wave of a ripple, and for a push or a jump where more than noise stays: they fit a piece of any smooth misfit.
 #[must_use]
 pub fn is_overly_flexible(base: &FittedModel, trial: &CandidateFit, context: &Context) -> bool {
     let in_misfit = || is_misfit(&trial.hypothesis.residuals, &context.floors);
-    periods(base, trial) < LEAST_PERIODS || is_local_here(base, &trial.candidate) && in_misfit()
+    periods(base, trial) < GREATER_PART || is_local_here(base, &trial.candidate) && in_misfit()
 }
 
 /// Periods of a trial's ripple within the travel; infinite for other effects.

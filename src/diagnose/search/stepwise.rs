@@ -7,8 +7,8 @@
 use crate::diagnose::judge::accept::{is_accepted, is_admissible};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::exchange::only_freed_the_fit;
-use crate::diagnose::judge::flexibility::has_unresolved_order;
-use crate::diagnose::judge::numbers::GREATER_PART;
+use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here};
+use crate::diagnose::judge::numbers::{GREATER_PART, LOCAL_TERMS};
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::cross_validation::LeaveOneRecordingOut;
@@ -294,7 +294,8 @@ impl<'s> Search<'s> {
 
     /// True if nothing may be added.
     fn is_full(&self) -> bool {
-        self.all.added.len() >= MOST_EFFECTS
+        let local = self.all.added.iter().filter(|a| is_local_here(&self.all.found, &a.candidate)).count();
+        self.all.added.len() >= MOST_EFFECTS || local >= LOCAL_TERMS
     }
 
     /// True if the leader only freed the fit from a false minimum; the search then goes on from there.
