@@ -27,28 +27,26 @@ pub const fn worst_bits(len: u8, extended: bool) -> u32 {
 /// Bits that this very frame takes.
 #[must_use]
 pub fn exact_bits(frame: &CanFrame) -> u32 {
-    let mut counter = StuffCounter::default();
-    let extended = frame.id & CanFrame::EXTENDED != 0;
-    let remote = u32::from(frame.id & CanFrame::REMOTE != 0);
-    let length = u32::from(frame.len.min(8));
-    counter.push(0, 1);
-    if extended {
-        counter.push((frame.id >> 18) & 0x7FF, 11);
-        counter.push(0b11, 2);
-        counter.push(frame.id & 0x3_FFFF, 18);
-        counter.push(remote << 6 | length, 7);
+    let remote = frame.id & CanFrame::REMOTE != 0;
+    let control = u64::from(remote) << 6 | u64::from(frame.len.min(8));
+    // With as many bits before the start of frame as make whole bytes, which the tables take.
+    let (mut counter, filler_bits) = if frame.id & CanFrame::EXTENDED == 0 {
+        let mut counter = StuffCounter::before(0b10101, 5);
+        counter.bytes(0b10101 << 19 | u64::from(frame.id & 0x7FF) << 7 | control, 3);
+        (counter, 5)
     } else {
-        // In one piece: whole bytes are quicker.
-        counter.push((frame.id & 0x7FF) << 7 | remote << 6 | length, 18);
+        let (high, low) = (u64::from(frame.id >> 18 & 0x7FF), u64::from(frame.id & 0x3_FFFF));
+        let mut counter = StuffCounter::before(0b1, 1);
+        counter.bytes(0b1 << 39 | high << 27 | 0b11 << 25 | low << 7 | control, 5);
+        (counter, 1)
+    };
+    if !remote {
+        frame.payload().iter().for_each(|byte| counter.byte(usize::from(*byte)));
     }
-    if remote == 0 {
-        for byte in frame.payload() {
-            counter.push(u32::from(*byte), 8);
-        }
-    }
-    let crc = counter.crc;
-    counter.push(u32::from(crc), 15);
-    counter.bits + TAIL_BITS
+    // One bit behind the CRC's 15, unlike the last of them: it is never the fifth of its kind.
+    let crc = u64::from(counter.crc);
+    counter.bytes(crc << 1 | (crc & 1 ^ 1), 2);
+    counter.bits - filler_bits - 1 + TAIL_BITS
 }
 
 /// Nanoseconds that this very frame takes.
@@ -132,6 +130,19 @@ impl StuffCounter {
         }
         for k in (0..left).rev() {
             self.bit((value >> k) & 1);
+        }
+    }
+
+    /// Ready for bits before a frame that change neither its stuffing nor its CRC: 1 and 0 by turns, the last one unlike
+    /// the start of frame. A CRC that begins with them is zero behind them.
+    const fn before(filler: u16, filler_bits: u32) -> Self {
+        Self { bits: 0, run: 1, last: 0, crc: filler << (15 - filler_bits) }
+    }
+
+    /// The low `count` bytes of `value`, highest first.
+    fn bytes(&mut self, value: u64, count: u32) {
+        for k in (0..count).rev() {
+            self.byte((value >> (8 * k) & 0xFF) as usize);
         }
     }
 
@@ -273,7 +284,41 @@ mod tests {
         assert_eq!(exact_bits(&CanFrame::new(0, &[])), 47 + 6);
     }
 
+    /// As ISO 11898-1 has it, bit after bit.
+    fn bits_one_by_one(frame: &CanFrame) -> u32 {
+        let mut counter = StuffCounter::default();
+        let mut put = |value: u32, count: u32| (0..count).rev().for_each(|k| counter.bit(value >> k & 1));
+        let remote = u32::from(frame.id & CanFrame::REMOTE != 0);
+        put(0, 1);
+        if frame.id & CanFrame::EXTENDED == 0 {
+            put(frame.id & 0x7FF, 11);
+            put(remote << 2, 3);
+        } else {
+            put(frame.id >> 18 & 0x7FF, 11);
+            put(0b11, 2);
+            put(frame.id & 0x3_FFFF, 18);
+            put(remote << 2, 3);
+        }
+        put(u32::from(frame.len), 4);
+        frame.payload().iter().filter(|_| remote == 0).for_each(|byte| put(u32::from(*byte), 8));
+        let crc = counter.crc;
+        (0..15).rev().for_each(|k| counter.bit(u32::from(crc) >> k & 1));
+        counter.bits + TAIL_BITS
+    }
+
     proptest! {
+        #[test]
+        fn whole_bytes_count_what_single_bits_count(id in 0_u32..0x2000_0000, kind in 0_u32..4, payload in prop::collection::vec(any::<u8>(), 0..=8), few: bool) {
+            let (extended, remote) = (kind & 1 != 0, kind & 2 != 0);
+            // Few ones, so that much is stuffed.
+            let id = if few { id & 0x0041_0100 } else { id };
+            let payload: Vec<u8> = payload.iter().map(|byte| if few { byte & 0x81 } else { *byte }).collect();
+            let mut frame = CanFrame::new(0, &payload);
+            frame.id = if extended { id | CanFrame::EXTENDED } else { id & 0x7FF };
+            frame.id |= if remote { CanFrame::REMOTE } else { 0 };
+            prop_assert_eq!(exact_bits(&frame), bits_one_by_one(&frame));
+        }
+
         #[test]
         fn bytes_by_the_tables_are_bits_one_by_one(head in 0_u32..0x8_0000, bytes in proptest::collection::vec(any::<u8>(), 0..9)) {
             let (mut by_bytes, mut by_bits) = (StuffCounter::default(), StuffCounter::default());
