@@ -4,7 +4,7 @@
 
 #![expect(non_snake_case, reason = "thesis symbols")]
 
-use super::dynamics::{bias_at, mass_matrix_at};
+use super::dynamics::{self, bias_at};
 use super::kinematics::Trig;
 use super::params::Normalised;
 use crate::base::linalg::{Square, dot, solve};
@@ -38,8 +38,14 @@ pub fn centripetal<S: Scalar>(p: &Normalised<S>, t: &Trig<S>, v: [S; 2]) -> [S; 
 #[inline]
 #[must_use]
 pub fn mass_matrix<S: Scalar>(p: &Normalised<S>, q: [S; 2]) -> Square<S, 4> {
-    let t = Trig::new(q);
-    let (H, J) = (mass_matrix_at(p, &t), momentum_rows(p, &t));
+    mass_matrix_at(p, &Trig::new(q))
+}
+
+/// [`mass_matrix`] with the trigonometry at hand.
+#[inline]
+#[must_use]
+pub fn mass_matrix_at<S: Scalar>(p: &Normalised<S>, t: &Trig<S>) -> Square<S, 4> {
+    let (H, J) = (dynamics::mass_matrix_at(p, t), momentum_rows(p, t));
     let (o, i) = (S::zero(), S::one());
     [
         [H[0][0], H[0][1], J[0][0], J[1][0]],

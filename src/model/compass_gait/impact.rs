@@ -5,7 +5,7 @@
 
 #![expect(non_snake_case, reason = "thesis symbols")]
 
-use super::floating::mass_matrix;
+use super::floating::mass_matrix_at;
 use super::kinematics::{Trig, swing_toe};
 use super::params::Normalised;
 use crate::base::linalg::{Square, dot, solve2};
@@ -40,7 +40,12 @@ pub struct Impact<S> {
 #[inline]
 #[must_use]
 pub fn contact_rows<S: Scalar>(q: [S; 2]) -> [[S; 4]; 2] {
-    let t = Trig::new(q);
+    contact_rows_at(&Trig::new(q))
+}
+
+/// [`contact_rows`] with the trigonometry at hand.
+#[inline]
+fn contact_rows_at<S: Scalar>(t: &Trig<S>) -> [[S; 4]; 2] {
     let (o, i) = (S::zero(), S::one());
     [[-t.stance.1, t.swing.1, i, o], [-t.stance.0, t.swing.0, o, i]]
 }
@@ -51,8 +56,9 @@ pub fn contact_rows<S: Scalar>(q: [S; 2]) -> [[S; 4]; 2] {
 /// `None` when the mass matrix is singular, or when friction jams the slipping foot.
 #[must_use]
 pub fn touchdown<S: Scalar>(p: &Normalised<S>, q: [S; 2], v: [S; 4], ground: &Ground<S>) -> Option<Impact<S>> {
-    let A = contact_rows(q);
-    let W = responses(&mass_matrix(p, q), &A)?;
+    let t = Trig::new(q);
+    let A = contact_rows_at(&t);
+    let W = responses(&mass_matrix_at(p, &t), &A)?;
     let D = [[dot(&A[0], &W[0]), dot(&A[0], &W[1])], [dot(&A[1], &W[0]), dot(&A[1], &W[1])]];
     let c = [dot(&A[0], &v), dot(&A[1], &v)];
     let stick = solve2(&D, [-c[0], -((ground.restitution + 1.0) * c[1])]);
