@@ -64,7 +64,7 @@ impl Row {
         self.terms.get(..self.len).unwrap_or_default()
     }
     /// Its value for generalised coordinates (or rates) `x`.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn of<S: Scalar>(&self, x: &[S; MAX]) -> S {
         match self.len {

@@ -258,8 +258,8 @@ impl Iterator for Frames<'_> {
         let [a, b, c, d, len, flags, ..] = head.to_le_bytes();
         let mut frame = CanFrame { flags, len, ..CanFrame::empty(u32::from_le_bytes([a, b, c, d])) };
         let data = rest.get(..frame.payload().len().div_ceil(8))?;
-        for (place, byte) in frame.data.iter_mut().zip(data.iter().flat_map(|word| word.to_le_bytes())) {
-            *place = byte;
+        for (place, word) in frame.data.as_chunks_mut().0.iter_mut().zip(data) {
+            *place = word.to_le_bytes();
         }
         self.words = rest.get(data.len()..)?;
         Some(BusFrame { stamp: Stamp(stamp.cast_signed()), frame, own: head & OWN != 0 })
