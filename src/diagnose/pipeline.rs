@@ -116,6 +116,7 @@ pub fn diagnose(
     let answer = finished(start.given.clone(), selection, options, &start.context, &mut said);
     let (clean, left_out) = cleaned(experiment, &answer.explained().rig);
     let mut warnings = warnings(experiment, start.dropped.max(left_out));
+    warnings.extend(start.given.is_none().then(|| RUNS_AWAY.to_owned()));
     warnings.extend(answer.warnings(experiment, cut_short, &start.context));
     said("proof");
     let mut findings = answer.findings(&clean, &start.context, &last, warnings)?;
@@ -129,7 +130,8 @@ struct Start {
     pooled: Pooled,
     /// Samples that were left out.
     dropped: usize,
-    given: FittedModel,
+    /// With the numbers as given; none where it runs away with them.
+    given: Option<FittedModel>,
     base: FittedModel,
     context: Context,
 }
@@ -141,9 +143,9 @@ impl Start {
         let first =
             fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
         let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
-        let given = as_given(&experiment.rig, &recordings, &pooled, &floors).ok_or(DiagnoseError::Diverges)?;
+        let given = as_given(&experiment.rig, &recordings, &pooled, &floors);
         let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
-        let base = no_worse(base, &given, &floors);
+        let base = if let Some(given) = &given { no_worse(base, given, &floors) } else { base };
         let context = Context {
             samples: samples(&base.residuals, &floors),
             given: experiment.rig.effects.len(),
@@ -173,7 +175,7 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) 
         };
         candidates(now, &scales, [&fine, &coarse], &windows)
     };
-    let also = context.is_trapped.then(|| given.counted_with(base));
+    let also = given.as_ref().filter(|_| context.is_trapped).map(|given| given.counted_with(base));
     let all = forward((&experiment.rig, base), also.as_ref(), library, context, &mut *said);
     let strict = if all.added.is_empty() { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
@@ -183,16 +185,16 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) 
 
 /// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.
 fn finished(
-    given: FittedModel,
+    given: Option<FittedModel>,
     selection: Selection,
     options: Options,
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> Found {
     let Selection { base, found, mut added, last, .. } = selection;
-    let refit = compare(&base, &given, context);
-    let refit_needed = refit_is_needed(refit, base.point.parameters.len(), context);
-    said(&format!("re-fit gains {:.0}", refit.total));
+    let refit = given.map(|given| compare(&base, &given, context));
+    let refit_needed = refit.is_none_or(|refit| refit_is_needed(refit, base.point.parameters.len(), context));
+    said(&refit.map_or_else(|| RUNS_AWAY.to_owned(), |refit| format!("re-fit gains {:.0}", refit.total)));
     let spent = |of: &FittedModel| format!("effort {:.0} M", 1e-6 * of.problem.effort.spent() as f64);
     said(&format!("pairs exchanged, {}", spent(&found)));
     let found = exchange_pairs(found, &mut added, &last, context, said);
@@ -230,7 +232,7 @@ fn finished(
         seen.extend(within_its_row(&base, &last, context));
     }
     seen.iter().for_each(|one| said(&one.sentence));
-    Found { given, base: base.with_intervals(), found: found.with_intervals(), added, seen, rest, refit_needed }
+    Found { base: base.with_intervals(), found: found.with_intervals(), added, seen, rest, refit_needed }
 }
 
 /// True if the fit of the base ended at bounds: a number that made up for what is missing as far as it could. One step of a
@@ -264,6 +266,9 @@ fn as_leader_hears(
     let leader = last.first().filter(heard).filter(|_| added.is_empty())?;
     Some(FittedModel { noise: leader.hypothesis.noise.clone(), ..base.clone() })
 }
+
+/// What to say of numbers as given that no run survives.
+const RUNS_AWAY: &str = "with the numbers as given the simulation runs away; they may be those of no body";
 
 /// What to say of a search that ended early.
 const CUT_SHORT: &str = "the search for further effects ended at its limit of work: more may be missing than is named; \
@@ -347,7 +352,6 @@ pub(super) fn warnings(experiment: &Experiment, dropped: usize) -> Vec<String> {
 
 /// What the stages found.
 struct Found {
-    given: FittedModel,
     base: FittedModel,
     found: FittedModel,
     added: Vec<SelectedEffect>,
@@ -431,7 +435,8 @@ impl Found {
             seconds: 0.0,
             seed: context.seed,
         };
-        let parameters = parameter_lines(&self.given, &self.base, explained);
+        let given = self.base.problem.with_rig(experiment.rig.clone());
+        let parameters = parameter_lines(&given, &self.base, explained);
         Ok(Findings {
             rig: experiment.rig.name.clone(),
             headline: headline(&diagnosis, &parameters, &costs(&experiment.rig, &traces)),
@@ -443,5 +448,39 @@ impl Found {
             traces,
             warnings,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::synthesis::record;
+
+    /// Two links, the second on the first; `moment2` is free.
+    fn links(moment2: f64) -> Rig {
+        let text = format!(
+            "schema = 1\nmechanism = \"double_pendulum\"\n[parameters]\ninertia1_kg_m2 = 0.012\ninertia2_kg_m2 = 0.055\n\
+             moment1_kg_m = 0.07\nmoment2_kg_m = {{ value = {moment2}, min = 0.1, max = 0.5 }}\nmass2_kg = 1.1\n\
+             length1_m = 0.25\ngravity_m_s2 = 9.81\n\
+             [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 1.0\n\
+             [[sensor]]\nmeasures = \"q1\"\ncolumn = \"q1_rad\"\nnoise_std = 0.001\n\
+             [[sensor]]\nmeasures = \"q2\"\ncolumn = \"q2_rad\"\nnoise_std = 0.001\n\
+             [[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\n"
+        );
+        Rig::parse(&text, "rig.toml").unwrap()
+    }
+
+    #[test]
+    fn numbers_as_given_of_no_body_are_fitted_again_and_told() {
+        let times: Vec<f64> = (0..150).map(|k| f64::from(k) * 0.01).collect();
+        let inputs = vec![times.iter().map(|t| 0.3 * libm::sin(9.0 * t)).collect()];
+        let mut recording = Recording::new("a.csv", times, inputs, Vec::new());
+        recording.measured = record(&links(0.22), &recording, &[0.2, -0.1], Some(1)).unwrap().measured;
+        // (length1 moment2)² is more than (inertia1 + mass2 length1²) inertia2: no mass matrix.
+        let experiment = Experiment { rig: links(0.28), recordings: vec![recording] };
+        let start = Start::of(&experiment, Options::default(), &mut |_| {}).unwrap();
+        assert!(start.given.is_none());
+        let moment2 = estimates(&start.base)[0].1.value;
+        assert!((moment2 / 0.22 - 1.0).abs() < 0.02, "{moment2}");
     }
 }

@@ -9,6 +9,7 @@ use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::identifiability::{Scaled, deviations, undetermined};
 use crate::identify::noise::median_abs;
+use crate::identify::problem::Problem;
 use crate::model::rig::{Scope, Slot};
 
 /// Free numbers of a hypothesis with their names and scales; numbers over decades are relative already.
@@ -111,17 +112,16 @@ pub fn undetermined_combinations(of: &FittedModel) -> Vec<String> {
 
 /// Parameters before and after.
 #[must_use]
-pub fn parameter_lines(given: &FittedModel, base: &FittedModel, explained: &FittedModel) -> Vec<ParameterLine> {
-    let before = |h: &FittedModel, name: &str| {
-        h.problem.theta.index_of(name).map_or(f64::NAN, |i| h.problem.values(&h.point.parameters)[i])
-    };
+pub fn parameter_lines(given: &Problem, base: &FittedModel, explained: &FittedModel) -> Vec<ParameterLine> {
+    let (given_at, base_at) = (given.start().parameters, &base.point.parameters);
+    let value = |of: &Problem, at: &[f64], name: &str| of.theta.index_of(name).map_or(f64::NAN, |i| of.values(at)[i]);
     let line = |(i, (name, explained_by)): (usize, (String, Estimate))| {
         let bounds = explained.problem.theta.entries[i].bounds;
         let reach = 1e-6 * (bounds.max - bounds.min);
         let at_bound = explained_by.value <= bounds.min + reach || explained_by.value >= bounds.max - reach;
         ParameterLine {
-            given: before(given, &name),
-            refitted: before(base, &name),
+            given: value(given, &given_at, &name),
+            refitted: value(&base.problem, base_at, &name),
             explained: explained_by,
             at_bound,
             name,
