@@ -100,13 +100,18 @@ impl Args {
         write_whole(&self.out.join("results.json"), json.as_bytes()).context("results.json")?;
         write_whole(&self.out.join("report.html"), page::experiment(&told).as_bytes()).context("report.html")?;
         let plots: Vec<Plot> = told.chapters.iter().flat_map(|chapter| chapter.plots.clone()).collect();
-        write_whole(&self.out.join("plots.svg"), sheet(&plots).as_bytes()).context("plots.svg")?;
+        // One speed on one floor is nothing to draw over.
+        let is_drawn = !plots.is_empty();
+        if is_drawn {
+            write_whole(&self.out.join("plots.svg"), sheet(&plots).as_bytes()).context("plots.svg")?;
+        }
         let mut out = io::stdout().lock();
         writeln!(out, "{}\n", told.headline)?;
         for chapter in &told.chapters {
             writeln!(out, "{}\n{}", chapter.heading, chapter.table.to_text())?;
         }
-        writeln!(out, "written    {}, report.html and plots.svg", self.out.join("results.json").display())?;
+        let pages = if is_drawn { ", report.html and plots.svg" } else { " and report.html; there is nothing to draw" };
+        writeln!(out, "written    {}{pages}", self.out.join("results.json").display())?;
         Ok(if results.all_completed() { Outcome::Fine } else { Outcome::Finding })
     }
 }

@@ -45,8 +45,7 @@ const TOO_SMALL: &str = "too small to matter";
 const REACHES_NOTHING: &str = "its 95 % interval reaches nothing";
 const REFUTED: &str = "recordings that were not fitted speak against it";
 const CHANCE: &str = "beside the others it gains no more than chance";
-const WITHIN_ITS_ROW: &str =
-    "commands and readings are known to a row, touchdowns to some milliseconds, and that explains it";
+const WITHIN_ITS_ROW: &str = "commands, readings and forces that go with rates are known to a row, touchdowns to some milliseconds, and that explains it";
 
 /// Where nothing was added: the first of the last round, if it gains what would be worth it and instants within their rows explain all
 /// of that (a drive's lag of a quarter of a row).

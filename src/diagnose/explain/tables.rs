@@ -73,8 +73,8 @@ fn is_instant(of: &FittedModel, i: usize) -> bool {
 /// Number `i` of a fit at `value`, of this deviation in the coordinate of the fit.
 ///
 /// Its deviation is what the residual shows. Its interval holds besides what no residual shows:
-/// - No form is exact. Beyond some thousands ([`form_samples`](crate::diagnose::judge::evidence::form_samples)) more samples do not make it truer: the likelihood is coarsened (Miller and
-///   Dunson 2019), as it is in the threshold from which a mismatch counts.
+/// - No form is exact. Beyond some thousands more samples do not make it truer: the likelihood is coarsened
+///   ([`coarsening`], Miller and Dunson 2019), as it is in the threshold from which a mismatch counts.
 /// - A recording tells when only to a sample. That commands act, or a sensor reads, somewhere within a row has the variance
 ///   of an even density, a twelfth of what a whole row does.
 fn estimate(of: &FittedModel, i: usize, value: f64, std: f64) -> Estimate {

@@ -237,7 +237,7 @@ impl Structure {
 /// The free forces that explain most of what `of` leaves.
 fn structure(of: &FittedModel, with_time: bool, context: &Context, said: &mut dyn FnMut(&str)) -> Option<Structure> {
     let windows = ltv_windows(of)?;
-    let (runs, point) = FreeInstants::around(of);
+    let (runs, point) = FreeInstants::around(of, &windows);
     let screen = ScoreTest::new(&runs, &point, &of.noise)?;
     let mut patterns = patterns(&of.rig, &screen, &windows);
     patterns.retain(|p| with_time || !p.is_over_time());

@@ -83,7 +83,7 @@ pub fn gain_beside_instants(
     only: Option<&str>,
 ) -> f64 {
     let noise = &richer.noise;
-    let moved = [plain, richer].map(|of| (of, FreeInstants::around(of)));
+    let moved = [plain, richer].map(|of| (of, FreeInstants::around(of, &ltv_windows(of).unwrap_or_default())));
     let [of_plain, of_richer] = moved.each_ref().map(|(of, (free, _))| explained_by_instants(of, free, noise, only));
     let linear = gain - of_plain + of_richer;
     if linear <= least || only.is_some() {
@@ -137,16 +137,15 @@ pub struct FreeInstants<'p> {
 }
 
 impl<'p> FreeInstants<'p> {
-    /// Around the fit `of`, and where that stands.
+    /// Around the fit `of`, and where that stands. `tangent`: of `of`; empty if there is none.
     #[must_use]
-    pub fn around(of: &'p FittedModel) -> (Self, Point) {
+    pub fn around(of: &'p FittedModel, tangent: &[LtvWindow]) -> (Self, Point) {
         let mut changes = readings_later(of);
-        let windows = ltv_windows(of).unwrap_or_default();
-        if !windows.is_empty() {
-            changes.push(rate_forces_later(&windows));
+        if !tangent.is_empty() {
+            changes.push(rate_forces_later(tangent));
         }
         let within_a_row = changes.len();
-        changes.extend(touchdown_changes(of, &windows));
+        changes.extend(touchdown_changes(of, tangent));
         let parameters = [&of.point.parameters[..], &vec![0.0; changes.len()]].concat();
         (Self { problem: &of.problem, changes, within_a_row }, Point { parameters, states: of.point.states.clone() })
     }
