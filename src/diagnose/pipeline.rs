@@ -29,6 +29,7 @@ use crate::diagnose::search::converge_rivals::converge_rivals;
 use crate::diagnose::search::exchange::exchange_and_eliminate;
 use crate::diagnose::search::pairwise_exchange::exchange_pairs;
 use crate::diagnose::search::ridge_restarts::restart_along_ridges;
+use crate::diagnose::search::simulator_steps::{in_likeliest_steps, in_steps};
 use crate::diagnose::search::stepwise::{Selection, forward};
 use crate::identify::base_fit::{as_given, fit_recordings, fitted, floors};
 use crate::identify::computed::computed_inputs;
@@ -110,8 +111,11 @@ pub fn diagnose(
 ) -> Result<Answer, DiagnoseError> {
     let began = Instant::now();
     let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
-    let start = Start::of(experiment, options, &mut said)?;
-    let selection = searched(experiment, &start, &mut said);
+    let mut start = Start::of(experiment, options, &mut said)?;
+    let mut selection = searched(experiment, &start, &mut said);
+    if start.takes_steps_of(&selection, experiment, &mut said) {
+        selection = searched(experiment, &start, &mut said);
+    }
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
     let answer = finished(start.given.clone(), selection, options, &start.context, &mut said);
     let (clean, left_out) = cleaned(experiment, &answer.explained().rig);
@@ -159,7 +163,27 @@ impl Start {
         for (name, of) in estimates(&base) {
             said(&format!("   {name} {:.4}", of.value));
         }
-        Ok(Self { pooled, dropped, given, base, context })
+        let mut start = Self { pooled, dropped, given, base, context };
+        if let Some(base) = in_likeliest_steps(&start.base, &start.context) {
+            start.steps_as(base, experiment, said);
+        }
+        Ok(start)
+    }
+
+    /// True if what was selected shows other steps of the simulation than the base alone did: then the search starts anew in these.
+    fn takes_steps_of(&mut self, selection: &Selection, experiment: &Experiment, said: &mut dyn FnMut(&str)) -> bool {
+        let found = Some(&selection.found).filter(|_| !selection.added.is_empty());
+        let other = found.and_then(|found| in_likeliest_steps(found, &self.context));
+        let base = other.and_then(|other| in_steps(&self.base, other.rig.euler_step_s, &self.context));
+        base.map(|base| self.steps_as(base, experiment, said)).is_some()
+    }
+
+    /// From `base`, which is fitted in other steps.
+    fn steps_as(&mut self, base: FittedModel, experiment: &Experiment, said: &mut dyn FnMut(&str)) {
+        said(&steps_told(base.rig.euler_step_s));
+        let rig = stepping(&experiment.rig, &base);
+        self.given = as_given(&rig, &base.problem.recordings, &self.pooled, &self.context.floors);
+        self.base = base;
     }
 }
 
@@ -176,11 +200,31 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) 
         candidates(now, &scales, [&fine, &coarse], &windows)
     };
     let also = given.as_ref().filter(|_| context.is_trapped).map(|given| given.counted_with(base));
-    let all = forward((&experiment.rig, base), also.as_ref(), library, context, &mut *said);
+    let rig = stepping(&experiment.rig, base);
+    let all = forward((&rig, base), also.as_ref(), library, context, &mut *said);
     let strict = if all.added.is_empty() { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
     said("what passes for noise is slower than noise: again without");
-    forward((&experiment.rig, &strict), None, library, context, said)
+    forward((&rig, &strict), None, library, context, said)
+}
+
+/// `rig` in the steps of `of`.
+fn stepping(rig: &Rig, of: &FittedModel) -> Rig {
+    Rig { euler_step_s: of.rig.euler_step_s, ..rig.clone() }
+}
+
+/// Which steps a fit is made in.
+fn steps_told(euler_step_s: Option<f64>) -> String {
+    euler_step_s.map_or_else(
+        || "the recordings are those of an exact integration".to_owned(),
+        |s| {
+            format!(
+                "the recordings are those of a simulator that steps by {:.3} ms (semi-implicit Euler); its steps are \
+                 no missing physics and are taken along",
+                1e3 * s
+            )
+        },
+    )
 }
 
 /// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.
@@ -376,6 +420,9 @@ impl Found {
             suspicions(explained, &context.floors).into_iter().filter(|w| !sentence.contains(&w.to_lowercase())),
         );
         out.extend(at_bounds(explained, &experiment.rig));
+        out.extend(
+            explained.rig.euler_step_s.filter(|s| experiment.rig.euler_step_s != Some(*s)).map(|s| steps_told(Some(s))),
+        );
         out.extend(complaints(&explained.problem, &explained.point, &explained.noise));
         out
     }

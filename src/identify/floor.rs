@@ -35,6 +35,10 @@ pub fn numerical_floor(problem: &Problem, at: &Point) -> Option<Vec<f64>> {
 /// A sentence per channel whose numerical floor is not negligible beside its noise.
 #[must_use]
 pub fn complaints(problem: &Problem, at: &Point, noise: &[Colour]) -> Vec<String> {
+    // Coarse steps that the rig asks for are meant.
+    if problem.rig.euler_step_s.is_some() {
+        return Vec::new();
+    }
     let Some(floor) = numerical_floor(problem, at) else {
         return vec!["the simulation diverges with shorter steps: do not trust small effects".to_owned()];
     };

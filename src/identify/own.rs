@@ -230,6 +230,7 @@ fn rig(config: &Config) -> Rig {
     Rig {
         name: "the robot's own recording against the model of its controller".to_owned(),
         mechanism: MechanismKind::CompassGait,
+        euler_step_s: None,
         parameters: known.into_iter().chain(model.c.iter().map(shape)).collect(),
         actuators: vec![Actuator {
             joint: HIP,

@@ -15,7 +15,7 @@
 //! Newton step in dual numbers, which is the saltation term.
 //!
 //! # How it steps
-//! Fixed-step RK4 between events. The step is the shortest of [`LONGEST_STEP_S`] and fractions of the fastest rates of
+//! Fixed-step RK4 between events, or on request semi-implicit Euler, as many simulators do. The step is the shortest of [`LONGEST_STEP_S`] and fractions of the fastest rates of
 //! the linearised machine. Events: friction stops, breaks away; play opens, closes; delayed commands arrive; pushes;
 //! touchdown, slip, lift-off. Command and lag are exact functions of time inside a step.
 //! RT: stepping allocates nothing once built, but for the history of a delayed sensor.
@@ -59,6 +59,9 @@ pub const MAX_BRISTLES: usize = 3;
 /// RK4 at 5 ms: motions of 10 rad/s are exact to 3e-7 per period (hω = .05, error (hω)⁴/120 per rad); stiffer ones
 /// shorten the step themselves.
 pub const LONGEST_STEP_S: f64 = 5e-3;
+
+/// A step may be longer by this part: times of rows are rounded.
+const WHOLE_STEP: f64 = 1e-6;
 
 /// Why a machine cannot be built or cannot go on.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -116,6 +119,8 @@ pub struct Machine<S> {
     history: VecDeque<Knot<S>>,
     keeps_history: bool,
     step_s: f64,
+    /// Steps by semi-implicit Euler; none: RK4.
+    euler_step_s: Option<f64>,
     refine: u32,
     /// RK4 steps since it was built, those of the search for events included.
     steps: u64,
@@ -239,7 +244,7 @@ impl<S: Scalar> Machine<S> {
         let h = S::constant((t_s - now.value()) / steps);
         let mut done = 0.0;
         while done < steps {
-            self.rk4(h);
+            self.step(h);
             self.y.copy_from(&self.end, self.plant.n, self.plant.bristles);
             self.now += h;
             let signal = |p: &Pickup<S>| {
@@ -360,7 +365,7 @@ impl<S: Scalar> Machine<S> {
             return Ok(());
         }
         self.settle_modes();
-        let steps = (h.value() * f64::from(self.refine) / self.step_s).ceil().max(1.0);
+        let steps = (h.value() * f64::from(self.refine) / self.step_s - WHOLE_STEP).ceil().max(1.0);
         let piece = h / steps;
         let mut done = 0.0;
         while done < steps {

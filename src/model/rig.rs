@@ -179,6 +179,8 @@ pub struct Rig {
     pub name: String,
     /// Which machine.
     pub mechanism: MechanismKind,
+    /// Steps of the simulation by semi-implicit Euler, s, as many simulators take them; none: integrated exactly.
+    pub euler_step_s: Option<f64>,
     /// In the order of [`MechanismKind::parameters`].
     pub parameters: Vec<Value>,
     /// Motors.

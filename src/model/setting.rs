@@ -44,6 +44,8 @@ pub struct EffectSetting {
 pub struct Setting {
     /// Which machine.
     pub mechanism: MechanismKind,
+    /// As in the rig.
+    pub euler_step_s: Option<f64>,
     /// How the compass gait is set up.
     pub setup: Option<Setup>,
     /// In the order of [`MechanismKind::parameters`].
@@ -64,6 +66,7 @@ impl Setting {
         let number = |slot: Slot| Number { value: rig.value(slot).map_or(0.0, |v| v.value), slot: Some(slot) };
         Self {
             mechanism: rig.mechanism,
+            euler_step_s: rig.euler_step_s,
             setup: entry.map_or(setup, |(_, e)| e.setup),
             parameters: (0..rig.parameters.len()).map(|i| number(parameter_slot(entry, i))).collect(),
             actuators: rig

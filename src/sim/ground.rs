@@ -172,6 +172,7 @@ fn setting(config: &Config) -> Setting {
     };
     Setting {
         mechanism: MechanismKind::CompassGait,
+        euler_step_s: None,
         setup: Some(setup),
         parameters: scale.into_iter().chain(p.c).map(number).collect(),
         actuators: vec![ActuatorSetting { joint: HIP, gain: number(1.0), back_emf: number(0.0) }],

@@ -12,4 +12,5 @@ pub mod pairwise_exchange;
 pub mod ridge_restarts;
 pub mod round;
 pub mod runners_up;
+pub mod simulator_steps;
 pub mod stepwise;

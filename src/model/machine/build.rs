@@ -59,6 +59,7 @@ impl<S: Scalar> Machine<S> {
             history: VecDeque::new(),
             keeps_history: false,
             step_s: super::LONGEST_STEP_S,
+            euler_step_s: setting.euler_step_s,
             refine: refine.max(1),
             steps: 0,
         };

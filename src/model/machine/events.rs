@@ -43,7 +43,7 @@ impl<S: Scalar> Machine<S> {
     pub(super) fn substep(&mut self, h: S) -> Result<(), MachineError> {
         let mut left = h;
         for _ in 0..MOST_EVENTS {
-            self.rk4(left);
+            self.step(left);
             if self.first_violated(left).is_none() {
                 return self.finish(left);
             }
@@ -55,7 +55,7 @@ impl<S: Scalar> Machine<S> {
                 return Ok(());
             }
         }
-        self.rk4(left);
+        self.step(left);
         self.finish(left)
     }
 
@@ -146,7 +146,7 @@ impl<S: Scalar> Machine<S> {
         let mut bracket = Bracket::new(self.guard_value(guard), TIME_TOLERANCE_S / h.value());
         for _ in 0..MOST_ITERATIONS {
             let Some(trial) = bracket.next() else { break };
-            self.rk4(h * trial);
+            self.step(h * trial);
             let broken = self.first_violated(h * trial);
             if broken.is_some() && broken != guard {
                 guard = broken;
@@ -175,7 +175,7 @@ impl<S: Scalar> Machine<S> {
     /// Steps to the event and corrects its instant by one Newton step in dual numbers. Returns the time taken.
     fn go_to_event(&mut self, h: S, guard: Guard) -> S {
         let h = S::constant(h.value());
-        self.rk4(h);
+        self.step(h);
         let correction = self.correction(h, guard);
         if correction.is_varied() {
             self.flow_at_end(h);

@@ -361,8 +361,28 @@ impl<S: Scalar> Machine<S> {
         self.flow_of = FlowOf::End;
     }
 
-    /// One RK4 step from `y` into `end`.
-    pub(super) fn rk4(&mut self, h: S) {
+    /// One step from `y` into `end`, by the machine's scheme.
+    pub(super) fn step(&mut self, h: S) {
+        if self.euler_step_s.is_some() { self.semi_implicit_euler(h) } else { self.rk4(h) }
+    }
+
+    /// Forces at the beginning of the step give the new rates, and these the new positions.
+    fn semi_implicit_euler(&mut self, h: S) {
+        self.flow_at_start();
+        let Self { plant, y, end, work, flow_of, steps, .. } = self;
+        *steps += 1;
+        for i in 0..plant.n {
+            end.v[i] = y.v[i] + work.a[i] * h;
+            end.q[i] = y.q[i] + end.v[i] * h;
+        }
+        for i in 0..plant.bristles {
+            end.z[i] = y.z[i] + work.zdot[i] * h;
+        }
+        // The flow at the start still stands in `work`.
+        *flow_of = FlowOf::Start;
+    }
+
+    fn rk4(&mut self, h: S) {
         let Self { plant, y, now, end, stages, work, flow_of, steps, .. } = self;
         *steps += 1;
         plant.step((y, *now, *flow_of == FlowOf::Start), h, end, stages, work);

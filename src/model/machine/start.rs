@@ -94,6 +94,10 @@ impl<S: Scalar> Machine<S> {
         self.history.clear();
         self.remember();
         self.step_s = self.suitable_step();
+        if let Some(step_s) = self.euler_step_s {
+            // What is stiff asks for shorter steps whatever the scheme.
+            self.step_s = if self.step_s < LONGEST_STEP_S { self.step_s.min(step_s) } else { step_s };
+        }
     }
 
     /// Where the machine is, as the numbers that [`Self::reset`] would start it from.

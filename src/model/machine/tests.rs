@@ -72,6 +72,25 @@ fn step_shows_fourth_order() {
     assert!((3.6..4.4).contains(&order), "{order}");
 }
 
+/// Against the recursions themselves: a damper is `v (1 - d h)` a step, a spring moves by its new rate.
+#[test]
+fn semi_implicit_euler_takes_forces_from_the_start_of_a_step_and_moves_by_the_new_rate() {
+    let effects = effect("parallel_spring", "q1", "stiffness = 50.0\nrest = 0.0")
+        + &effect("viscous_friction", "q1", "viscous = 3.0");
+    let mut m = machine(&Rig { euler_step_s: Some(0.01), ..rig(SLIDER, &effects) }, None);
+    m.reset(0.0, &[0.2, 0.0]);
+    let (mut q, mut v) = (0.2_f64, 0.0_f64);
+    for row in 1..100 {
+        // Two steps a row; a row's time is rounded.
+        m.advance_to(f64::from(row) * 0.02).unwrap();
+        for _ in 0..2 {
+            v += 0.01 * (-50.0 * q - 3.0 * v) / 2.0;
+            q += 0.01 * v;
+        }
+        assert!((m.coordinate(0) - q).abs() < 1e-9 && (m.rate(0) - v).abs() < 1e-9, "{row}: {} {q}", m.coordinate(0));
+    }
+}
+
 #[test]
 fn what_sticks_plays_or_steps_is_not_smooth() {
     let smooth = |text: &str, effects: &str| machine(&rig(text, effects), None).is_smooth();

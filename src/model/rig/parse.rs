@@ -9,7 +9,7 @@ mod fields;
 use super::{Actuator, MechanismKind, Rig, Sensor, Side, Value};
 use fields::{Fields, Reader, into_table};
 use std::fmt;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use toml::Spanned;
 use toml::de::DeTable;
 
@@ -67,6 +67,9 @@ impl Rig {
     }
 }
 
+/// Steps that a simulation may take, s.
+const EULER_STEP_S: RangeInclusive<f64> = 1e-5..=0.1;
+
 impl Reader<'_> {
     fn rig(&mut self, mut fields: Fields<'_>) -> Option<Rig> {
         self.schema(&mut fields);
@@ -75,6 +78,7 @@ impl Reader<'_> {
         let mut rig = Rig {
             name,
             mechanism,
+            euler_step_s: self.euler_step(&mut fields),
             parameters: Vec::new(),
             actuators: Vec::new(),
             sensors: Vec::new(),
@@ -100,7 +104,7 @@ impl Reader<'_> {
             rig.recordings.extend(entry);
         }
         self.distinct_files(&fields.span.clone(), &rig);
-        self.finish(fields, "schema, name, mechanism, parameters, actuator, sensor, effect, recording");
+        self.finish(fields, "schema, name, mechanism, euler_step_s, parameters, actuator, sensor, effect, recording");
         Some(rig)
     }
 
@@ -120,6 +124,16 @@ impl Reader<'_> {
             self.complain(&span, "mechanism", format!("`{id}` is not one of {}", known.join(", ")));
         }
         kind
+    }
+
+    fn euler_step(&mut self, fields: &mut Fields<'_>) -> Option<f64> {
+        let at = fields.table.get("euler_step_s").map(Spanned::span)?;
+        let step_s = self.optional_float(fields, "euler_step_s", 0.0)?;
+        if !EULER_STEP_S.contains(&step_s) {
+            let (least, most) = (EULER_STEP_S.start(), EULER_STEP_S.end());
+            self.complain(&at, "euler_step_s", format!("is {step_s}, must be from {least} to {most} s"));
+        }
+        Some(step_s)
     }
 
     fn parameters(&mut self, fields: &mut Fields<'_>, mechanism: MechanismKind) -> Vec<Value> {

@@ -55,6 +55,16 @@ fn written_rig_parses_to_the_same_rig() {
 }
 
 #[test]
+fn steps_of_a_simulation_are_read_written_and_have_a_range() {
+    let with = |step: &str| FULL.replace("mechanism =", &format!("euler_step_s = {step}\nmechanism ="));
+    let rig = Rig::parse(&with("0.002"), "rig.toml").unwrap();
+    assert_eq!(rig.euler_step_s, Some(0.002));
+    assert_eq!(Rig::parse(&rig.to_toml(), "again").unwrap(), rig);
+    let errors = Rig::parse(&with("2.0"), "case/rig.toml").unwrap_err().to_string();
+    assert!(errors.contains("case/rig.toml:3: `euler_step_s`: is 2, must be from 0.00001 to 0.1 s"), "{errors}");
+}
+
+#[test]
 fn unknown_keys_name_file_key_and_line() {
     let text = FULL.replace("quantum =", "quantom =").replace("use = \"heldout\"", "use = \"heldout\"\nweight = 2");
     let errors = Rig::parse(&text, "case/rig.toml").unwrap_err();

@@ -6,11 +6,11 @@ impl Rig {
     /// The rig as the text of a rig file.
     #[must_use]
     pub fn to_toml(&self) -> String {
-        let mut out = format!(
-            "schema = 1\nname = {}\nmechanism = \"{}\"\n\n[parameters]\n",
-            quoted(&self.name),
-            self.mechanism.id()
-        );
+        let mut out = format!("schema = 1\nname = {}\nmechanism = \"{}\"\n", quoted(&self.name), self.mechanism.id());
+        if let Some(step_s) = self.euler_step_s {
+            line(&mut out, "euler_step_s", &float(step_s));
+        }
+        out.push_str("\n[parameters]\n");
         for (info, value) in self.mechanism.parameters().iter().zip(&self.parameters) {
             line(&mut out, info.name, &number(value));
         }
