@@ -27,9 +27,9 @@ use crate::diagnose::search::basin_hopping::escape_local_minimum;
 use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::search::converge_rivals::converge_rivals;
 use crate::diagnose::search::exchange::exchange_and_eliminate;
+use crate::diagnose::search::numerics::{with_likeliest_numerics, with_numerics};
 use crate::diagnose::search::pairwise_exchange::exchange_pairs;
 use crate::diagnose::search::ridge_restarts::restart_along_ridges;
-use crate::diagnose::search::simulator_steps::{in_likeliest_steps, in_steps};
 use crate::diagnose::search::stepwise::{Selection, forward};
 use crate::identify::base_fit::{as_given, fit_recordings, fitted, floors};
 use crate::identify::computed::computed_inputs;
@@ -44,7 +44,7 @@ use crate::identify::problem::Problem;
 use crate::identify::rollout::{Pooled, RolloutError, free_run};
 use crate::identify::units::wrong_units;
 use crate::identify::validation::{Models, proof};
-use crate::model::rig::{Rig, Use};
+use crate::model::rig::{Numerics, Rig, Use};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -113,7 +113,7 @@ pub fn diagnose(
     let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
     let mut start = Start::of(experiment, options, &mut said)?;
     let mut selection = searched(experiment, &start, &mut said);
-    if start.takes_steps_of(&selection, experiment, &mut said) {
+    if start.takes_numerics_of(&selection, experiment, &mut said) {
         selection = searched(experiment, &start, &mut said);
     }
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
@@ -164,24 +164,29 @@ impl Start {
             said(&format!("   {name} {:.4}", of.value));
         }
         let mut start = Self { pooled, dropped, given, base, context };
-        if let Some(base) = in_likeliest_steps(&start.base, &start.context) {
-            start.steps_as(base, experiment, said);
+        if let Some(base) = with_likeliest_numerics(&start.base, &start.context) {
+            start.computes_as(base, experiment, said);
         }
         Ok(start)
     }
 
-    /// True if what was selected shows other steps of the simulation than the base alone did: then the search starts anew in these.
-    fn takes_steps_of(&mut self, selection: &Selection, experiment: &Experiment, said: &mut dyn FnMut(&str)) -> bool {
+    /// True if what was selected shows other numerics of the simulation than the base alone did: then the search starts anew with these.
+    fn takes_numerics_of(
+        &mut self,
+        selection: &Selection,
+        experiment: &Experiment,
+        said: &mut dyn FnMut(&str),
+    ) -> bool {
         let found = Some(&selection.found).filter(|_| !selection.added.is_empty());
-        let other = found.and_then(|found| in_likeliest_steps(found, &self.context));
-        let base = other.and_then(|other| in_steps(&self.base, other.rig.euler_step_s, &self.context));
-        base.map(|base| self.steps_as(base, experiment, said)).is_some()
+        let other = found.and_then(|found| with_likeliest_numerics(found, &self.context));
+        let base = other.and_then(|other| with_numerics(&self.base, other.rig.numerics, &self.context));
+        base.map(|base| self.computes_as(base, experiment, said)).is_some()
     }
 
-    /// From `base`, which is fitted in other steps.
-    fn steps_as(&mut self, base: FittedModel, experiment: &Experiment, said: &mut dyn FnMut(&str)) {
-        said(&steps_told(base.rig.euler_step_s));
-        let rig = stepping(&experiment.rig, &base);
+    /// From `base`, which is fitted with other numerics.
+    fn computes_as(&mut self, base: FittedModel, experiment: &Experiment, said: &mut dyn FnMut(&str)) {
+        said(&numerics_told(base.rig.numerics));
+        let rig = computing_as(&experiment.rig, &base);
         self.given = as_given(&rig, &base.problem.recordings, &self.pooled, &self.context.floors);
         self.base = base;
     }
@@ -200,7 +205,7 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) 
         candidates(now, &scales, [&fine, &coarse], &windows)
     };
     let also = given.as_ref().filter(|_| context.is_trapped).map(|given| given.counted_with(base));
-    let rig = stepping(&experiment.rig, base);
+    let rig = computing_as(&experiment.rig, base);
     let all = forward((&rig, base), also.as_ref(), library, context, &mut *said);
     let strict = if all.added.is_empty() { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
@@ -208,23 +213,22 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) 
     forward((&rig, &strict), None, library, context, said)
 }
 
-/// `rig` in the steps of `of`.
-fn stepping(rig: &Rig, of: &FittedModel) -> Rig {
-    Rig { euler_step_s: of.rig.euler_step_s, ..rig.clone() }
+/// `rig` with the numerics of `of`.
+fn computing_as(rig: &Rig, of: &FittedModel) -> Rig {
+    Rig { numerics: of.rig.numerics, ..rig.clone() }
 }
 
-/// Which steps a fit is made in.
-fn steps_told(euler_step_s: Option<f64>) -> String {
-    euler_step_s.map_or_else(
-        || "the recordings are those of an exact integration".to_owned(),
-        |s| {
-            format!(
-                "the recordings are those of a simulator that steps by {:.3} ms (semi-implicit Euler); its steps are \
-                 no missing physics and are taken along",
-                1e3 * s
-            )
-        },
-    )
+/// What a simulator did to the recordings.
+fn numerics_told(numerics: Numerics) -> String {
+    let Numerics { euler_step_s, smooth_rate } = numerics;
+    let steps = euler_step_s.map(|s| format!("steps by {:.3} ms (semi-implicit Euler)", 1e3 * s));
+    let sign = smooth_rate.map(|r| format!("gives friction a smooth sign (tanh of the rate over {r})"));
+    let what: Vec<String> = steps.into_iter().chain(sign).collect();
+    if what.is_empty() {
+        return "the recordings are those of an exact integration".to_owned();
+    }
+    let what = what.join(" and ");
+    format!("the recordings are those of a simulator that {what}; that is no missing physics and is taken along")
 }
 
 /// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.
@@ -420,9 +424,8 @@ impl Found {
             suspicions(explained, &context.floors).into_iter().filter(|w| !sentence.contains(&w.to_lowercase())),
         );
         out.extend(at_bounds(explained, &experiment.rig));
-        out.extend(
-            explained.rig.euler_step_s.filter(|s| experiment.rig.euler_step_s != Some(*s)).map(|s| steps_told(Some(s))),
-        );
+        let numerics = explained.rig.numerics;
+        out.extend((numerics != experiment.rig.numerics).then(|| numerics_told(numerics)));
         out.extend(complaints(&explained.problem, &explained.point, &explained.noise));
         out
     }

@@ -36,7 +36,7 @@ pub fn numerical_floor(problem: &Problem, at: &Point) -> Option<Vec<f64>> {
 #[must_use]
 pub fn complaints(problem: &Problem, at: &Point, noise: &[Colour]) -> Vec<String> {
     // Coarse steps that the rig asks for are meant.
-    if problem.rig.euler_step_s.is_some() {
+    if problem.rig.numerics.euler_step_s.is_some() {
         return Vec::new();
     }
     let Some(floor) = numerical_floor(problem, at) else {

@@ -31,7 +31,7 @@ use crate::identify::experiment::mcap::Own;
 use crate::identify::experiment::{ExperimentError, Table};
 use crate::model::effect::EffectKind;
 use crate::model::rig::{
-    Actuator, Bounds, Effect, MechanismKind, RecordingEntry, Rig, Sensor, Setup, Side, Use, Value,
+    Actuator, Bounds, Effect, MechanismKind, Numerics, RecordingEntry, Rig, Sensor, Setup, Side, Use, Value,
 };
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -230,7 +230,7 @@ fn rig(config: &Config) -> Rig {
     Rig {
         name: "the robot's own recording against the model of its controller".to_owned(),
         mechanism: MechanismKind::CompassGait,
-        euler_step_s: None,
+        numerics: Numerics::default(),
         parameters: known.into_iter().chain(model.c.iter().map(shape)).collect(),
         actuators: vec![Actuator {
             joint: HIP,

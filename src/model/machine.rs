@@ -39,7 +39,6 @@ mod toes;
 mod toes_oracle;
 
 use super::effect::actuator::Drive;
-use super::effect::friction::Grip;
 use super::effect::sensing::Pickup;
 use super::mechanism::{Mechanism, Row};
 use crate::base::scalar::Scalar;
@@ -144,7 +143,7 @@ impl<S: Scalar> Machine<S> {
     pub fn is_smooth(&self) -> bool {
         let plant = &self.plant;
         plant.legs().is_none()
-            && plant.axes.iter().all(|axis| axis.dry.is_none())
+            && plant.axes.iter().all(|axis| axis.dry.as_ref().is_none_or(|dry| !dry.sticks()))
             && plant.plays.iter().all(|play| *play == Play::Rigid)
     }
 
@@ -179,7 +178,7 @@ impl<S: Scalar> Machine<S> {
     #[must_use]
     pub fn is_stuck(&self, joint: usize) -> bool {
         let mut pairs = self.plant.axes.iter().zip(&self.plant.grips);
-        pairs.any(|(axis, grip)| axis.joint == joint && axis.dry.is_some() && *grip == Grip::Stuck)
+        pairs.any(|(axis, grip)| axis.joint == joint && !axis.slides(*grip))
     }
 
     /// Torque of all motors on `joint` now, Nm.

@@ -179,8 +179,8 @@ pub struct Rig {
     pub name: String,
     /// Which machine.
     pub mechanism: MechanismKind,
-    /// Steps of the simulation by semi-implicit Euler, s, as many simulators take them; none: integrated exactly.
-    pub euler_step_s: Option<f64>,
+    /// How the simulation computes.
+    pub numerics: Numerics,
     /// In the order of [`MechanismKind::parameters`].
     pub parameters: Vec<Value>,
     /// Motors.
@@ -204,6 +204,15 @@ pub enum Site {
     Sensor(usize),
     /// The ground.
     Ground,
+}
+
+/// What simulators do to the equations of a machine; nothing of it is physics.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Numerics {
+    /// Steps by semi-implicit Euler, s; none: integrated exactly.
+    pub euler_step_s: Option<f64>,
+    /// Dry friction is its level times tanh(rate / this), rad/s or m/s: a joint creeps where it would stick; none: it sticks.
+    pub smooth_rate: Option<f64>,
 }
 
 impl Rig {

@@ -4,7 +4,7 @@
 //! RT: before arming only.
 
 use super::effect::EffectKind;
-use super::rig::{Effect, MechanismKind, RecordingEntry, Rig, Scope, Sensor, Setup, Side, Site, Slot};
+use super::rig::{Effect, MechanismKind, Numerics, RecordingEntry, Rig, Scope, Sensor, Setup, Side, Site, Slot};
 
 /// A number and where it stands in the rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,7 +45,7 @@ pub struct Setting {
     /// Which machine.
     pub mechanism: MechanismKind,
     /// As in the rig.
-    pub euler_step_s: Option<f64>,
+    pub numerics: Numerics,
     /// How the compass gait is set up.
     pub setup: Option<Setup>,
     /// In the order of [`MechanismKind::parameters`].
@@ -66,7 +66,7 @@ impl Setting {
         let number = |slot: Slot| Number { value: rig.value(slot).map_or(0.0, |v| v.value), slot: Some(slot) };
         Self {
             mechanism: rig.mechanism,
-            euler_step_s: rig.euler_step_s,
+            numerics: rig.numerics,
             setup: entry.map_or(setup, |(_, e)| e.setup),
             parameters: (0..rig.parameters.len()).map(|i| number(parameter_slot(entry, i))).collect(),
             actuators: rig

@@ -12,7 +12,7 @@ use crate::config::checked::{Config, Simulation};
 use crate::model::effect::EffectKind;
 use crate::model::machine::{Contact, Floor, Machine, MachineError};
 use crate::model::rig::Side;
-use crate::model::rig::{MechanismKind, Setup, Site};
+use crate::model::rig::{MechanismKind, Numerics, Setup, Site};
 use crate::model::setting::{ActuatorSetting, EffectSetting, Number, Setting};
 use crate::msg::{Leg, TOES};
 
@@ -172,7 +172,7 @@ fn setting(config: &Config) -> Setting {
     };
     Setting {
         mechanism: MechanismKind::CompassGait,
-        euler_step_s: None,
+        numerics: Numerics::default(),
         setup: Some(setup),
         parameters: scale.into_iter().chain(p.c).map(number).collect(),
         actuators: vec![ActuatorSetting { joint: HIP, gain: number(1.0), back_emf: number(0.0) }],

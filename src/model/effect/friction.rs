@@ -58,6 +58,8 @@ pub struct DryFriction<S> {
     pub drift: Option<S>,
     /// Bristle stiffness, Nm/rad; none = rigid sticking.
     pub bristle: Option<S>,
+    /// Rate within which its sign changes smoothly, rad/s; none = at zero, where it sticks.
+    pub smooth_rate: Option<f64>,
 }
 
 impl<S: Scalar> DryFriction<S> {
@@ -79,6 +81,13 @@ impl<S: Scalar> DryFriction<S> {
             level += load * through.motors.abs();
         }
         if level.value() < 0.0 { S::zero() } else { level }
+    }
+
+    /// True if it holds at rest; a bristle and a smooth sign yield instead.
+    #[inline]
+    #[must_use]
+    pub const fn sticks(&self) -> bool {
+        self.bristle.is_none() && self.smooth_rate.is_none()
     }
 
     /// True if the level depends on what the joint transmits.
@@ -203,7 +212,7 @@ impl<S: Scalar> Axis<S> {
     #[inline]
     #[must_use]
     pub fn slides(&self, grip: Grip) -> bool {
-        grip != Grip::Stuck || self.dry.as_ref().is_none_or(|dry| dry.bristle.is_some())
+        grip != Grip::Stuck || self.dry.as_ref().is_none_or(|dry| !dry.sticks())
     }
 
     /// The dry friction of this axis, made on first use.
@@ -215,6 +224,7 @@ impl<S: Scalar> Axis<S> {
             motor_load: None,
             drift: None,
             bristle: None,
+            smooth_rate: None,
         })
     }
 }

@@ -59,7 +59,7 @@ impl<S: Scalar> Machine<S> {
             history: VecDeque::new(),
             keeps_history: false,
             step_s: super::LONGEST_STEP_S,
-            euler_step_s: setting.euler_step_s,
+            euler_step_s: setting.numerics.euler_step_s,
             refine: refine.max(1),
             steps: 0,
         };
@@ -74,6 +74,9 @@ impl<S: Scalar> Machine<S> {
         }
         for effect in &setting.effects {
             machine.add_law(effect, lift);
+        }
+        for dry in machine.plant.axes.iter_mut().filter_map(|axis| axis.dry.as_mut()) {
+            dry.smooth_rate = setting.numerics.smooth_rate;
         }
         machine.plant.is_loaded =
             machine.plant.axes.iter().any(|a| a.dry.as_ref().is_some_and(DryFriction::needs_load));

@@ -78,7 +78,7 @@ impl<S: Scalar> Machine<S> {
         let mut needs_forces = false;
         for (i, axis) in self.plant.axes.iter().enumerate() {
             match (&axis.dry, self.plant.grips[i]) {
-                (Some(dry), grip) if dry.bristle.is_none() => match grip {
+                (Some(dry), grip) if dry.sticks() => match grip {
                     Grip::Stuck => needs_forces = true,
                     grip => consider(Guard::Stop(i), grip.direction() * axis.row.value_of(&self.end.v)),
                 },
@@ -257,8 +257,7 @@ impl<S: Scalar> Machine<S> {
     /// Releases whatever is held beyond its strength under the present commands.
     pub(super) fn settle_modes(&mut self) {
         for _ in 0..MOST_CHANGES {
-            let stuck =
-                self.plant.axes.iter().zip(&self.plant.grips).any(|(a, g)| a.dry.is_some() && *g == Grip::Stuck);
+            let stuck = self.plant.axes.iter().zip(&self.plant.grips).any(|(a, g)| !a.slides(*g));
             let closed = self.plant.plays.iter().any(|p| matches!(p, Play::Closed(_)));
             let may_slip = self.plant.walks && (self.plant.ground.friction.is_some() || self.plant.ground.lift_off);
             if !stuck && !closed && !may_slip {

@@ -248,6 +248,8 @@ impl<S: Scalar> Plant<S> {
                 axis.row.push(-torque, &mut work.eq.force);
                 work.zdot[bristle] = zdot;
                 bristle += 1;
+            } else if let Some(smooth) = dry.smooth_rate {
+                axis.row.push(-(level * (rate / smooth).tanh()), &mut work.eq.force);
             } else if self.grips[i] == Grip::Stuck {
                 if let &[(index, factor)] = axis.row.terms() {
                     work.held.still(Holder::Axis(i), index, factor);

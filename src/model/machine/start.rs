@@ -3,7 +3,7 @@
 use super::motion::{FlowOf, Work};
 use super::{LONGEST_STEP_S, Machine, Play};
 use crate::base::scalar::Scalar;
-use crate::model::effect::friction::Axis;
+use crate::model::effect::friction::{Axis, Load};
 use crate::model::mechanism::{Body, MAX, Mechanism};
 
 /// One number of an initial state.
@@ -94,10 +94,6 @@ impl<S: Scalar> Machine<S> {
         self.history.clear();
         self.remember();
         self.step_s = self.suitable_step();
-        if let Some(step_s) = self.euler_step_s {
-            // What is stiff asks for shorter steps whatever the scheme.
-            self.step_s = if self.step_s < LONGEST_STEP_S { self.step_s.min(step_s) } else { step_s };
-        }
     }
 
     /// Where the machine is, as the numbers that [`Self::reset`] would start it from.
@@ -182,10 +178,25 @@ impl<S: Scalar> Machine<S> {
         }
         let top = |sums: &[f64; MAX]| sums.iter().copied().fold(0.0, f64::max);
         let frequency = libm::sqrt(top(&stiff)).max(self.bristle_frequency());
+        let decay = top(&damped) + self.smooth_sign_decay();
+        // Coarse steps are meant to be coarse; they need but be stable.
+        let (phase, part, longest) = match self.euler_step_s {
+            Some(step_s) => (STABLE_PHASE, STABLE_DECAY, step_s),
+            None => (PHASE_PER_STEP, DECAY_PER_STEP, LONGEST_STEP_S),
+        };
         let resolved = |rate: f64, exact: f64, stable: f64| (exact / rate).max((stable / rate).min(FINE_STEP_S));
-        let step =
-            resolved(frequency, PHASE_PER_STEP, STABLE_PHASE).min(resolved(top(&damped), DECAY_PER_STEP, STABLE_DECAY));
-        step.clamp(SHORTEST_STEP_S, LONGEST_STEP_S)
+        let step = resolved(frequency, phase, STABLE_PHASE).min(resolved(decay, part, STABLE_DECAY));
+        step.clamp(SHORTEST_STEP_S, longest)
+    }
+
+    /// Near zero a smooth sign of friction is a damper, wherever the motion starts: the fastest decay, 1/s.
+    fn smooth_sign_decay(&self) -> f64 {
+        let of_axis = |axis: &Axis<S>| {
+            let dry = axis.dry.as_ref()?;
+            let level = dry.level(S::zero(), self.now, Load::default()).value();
+            Some(level / (dry.smooth_rate? * self.plant.body.link_inertia(axis.joint).value()))
+        };
+        self.plant.axes.iter().filter_map(of_axis).fold(0.0, f64::max)
     }
 
     /// Into how many parts a step of `h` s falls so that each bristle that bends over is followed. `work` holds the present

@@ -2,7 +2,7 @@
 use super::*;
 use crate::base::scalar::Dual;
 use crate::model::effect::{EffectKind, Role};
-use crate::model::rig::{Rig, Scope, Setup, Slot};
+use crate::model::rig::{Numerics, Rig, Scope, Setup, Slot};
 use crate::model::setting::{Number, Setting};
 use std::f64::consts::PI;
 
@@ -77,7 +77,10 @@ fn step_shows_fourth_order() {
 fn semi_implicit_euler_takes_forces_from_the_start_of_a_step_and_moves_by_the_new_rate() {
     let effects = effect("parallel_spring", "q1", "stiffness = 50.0\nrest = 0.0")
         + &effect("viscous_friction", "q1", "viscous = 3.0");
-    let mut m = machine(&Rig { euler_step_s: Some(0.01), ..rig(SLIDER, &effects) }, None);
+    let mut m = machine(
+        &Rig { numerics: Numerics { euler_step_s: Some(0.01), smooth_rate: None }, ..rig(SLIDER, &effects) },
+        None,
+    );
     m.reset(0.0, &[0.2, 0.0]);
     let (mut q, mut v) = (0.2_f64, 0.0_f64);
     for row in 1..100 {
@@ -89,6 +92,18 @@ fn semi_implicit_euler_takes_forces_from_the_start_of_a_step_and_moves_by_the_ne
         }
         assert!((m.coordinate(0) - q).abs() < 1e-9 && (m.rate(0) - v).abs() < 1e-9, "{row}: {} {q}", m.coordinate(0));
     }
+}
+
+/// A mass pulled by .5 N under friction of 1 N: it creeps at the rate at which the friction holds it.
+#[test]
+fn a_joint_whose_friction_has_a_smooth_sign_creeps_where_it_would_stick() {
+    let effects = effect("coulomb_friction", "q1", "coulomb = 1.0") + &effect("torque_offset", "q1", "torque = 0.5");
+    let numerics = Numerics { euler_step_s: None, smooth_rate: Some(0.01) };
+    let mut m = machine(&Rig { numerics, ..rig(SLIDER, &effects) }, None);
+    m.reset(0.0, &[0.0, 0.0]);
+    m.advance_to(2.0).unwrap();
+    assert!((m.rate(0) / (0.01 * 0.5_f64.atanh()) - 1.0).abs() < 1e-6 && !m.is_stuck(0), "{}", m.rate(0));
+    assert!(m.is_smooth());
 }
 
 #[test]

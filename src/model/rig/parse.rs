@@ -6,7 +6,7 @@
 mod entries;
 mod fields;
 
-use super::{Actuator, MechanismKind, Rig, Sensor, Side, Value};
+use super::{Actuator, MechanismKind, Numerics, Rig, Sensor, Side, Value};
 use fields::{Fields, Reader, into_table};
 use std::fmt;
 use std::ops::{Range, RangeInclusive};
@@ -69,6 +69,8 @@ impl Rig {
 
 /// Steps that a simulation may take, s.
 const EULER_STEP_S: RangeInclusive<f64> = 1e-5..=0.1;
+/// Rates within which friction may change its sign, rad/s or m/s.
+const SMOOTH_RATE: RangeInclusive<f64> = 1e-5..=1.0;
 
 impl Reader<'_> {
     fn rig(&mut self, mut fields: Fields<'_>) -> Option<Rig> {
@@ -78,7 +80,7 @@ impl Reader<'_> {
         let mut rig = Rig {
             name,
             mechanism,
-            euler_step_s: self.euler_step(&mut fields),
+            numerics: self.numerics(&mut fields),
             parameters: Vec::new(),
             actuators: Vec::new(),
             sensors: Vec::new(),
@@ -104,7 +106,7 @@ impl Reader<'_> {
             rig.recordings.extend(entry);
         }
         self.distinct_files(&fields.span.clone(), &rig);
-        self.finish(fields, "schema, name, mechanism, euler_step_s, parameters, actuator, sensor, effect, recording");
+        self.finish(fields, "schema, name, mechanism, numerics, parameters, actuator, sensor, effect, recording");
         Some(rig)
     }
 
@@ -126,14 +128,29 @@ impl Reader<'_> {
         kind
     }
 
-    fn euler_step(&mut self, fields: &mut Fields<'_>) -> Option<f64> {
-        let at = fields.table.get("euler_step_s").map(Spanned::span)?;
-        let step_s = self.optional_float(fields, "euler_step_s", 0.0)?;
-        if !EULER_STEP_S.contains(&step_s) {
-            let (least, most) = (EULER_STEP_S.start(), EULER_STEP_S.end());
-            self.complain(&at, "euler_step_s", format!("is {step_s}, must be from {least} to {most} s"));
+    fn numerics(&mut self, fields: &mut Fields<'_>) -> Numerics {
+        let Some(item) = fields.take("numerics") else { return Numerics::default() };
+        let span = item.span();
+        let Some(table) = into_table(item) else {
+            self.complain(&span, "numerics", "must be a table");
+            return Numerics::default();
+        };
+        let mut fields = Fields::new(table, span, "[numerics]");
+        let numerics = Numerics {
+            euler_step_s: self.within(&mut fields, "euler_step_s", EULER_STEP_S),
+            smooth_rate: self.within(&mut fields, "smooth_rate", SMOOTH_RATE),
+        };
+        self.finish(fields, "euler_step_s, smooth_rate");
+        numerics
+    }
+
+    fn within(&mut self, fields: &mut Fields<'_>, key: &str, range: RangeInclusive<f64>) -> Option<f64> {
+        let at = fields.table.get(key).map(Spanned::span)?;
+        let value = self.optional_float(fields, key, 0.0)?;
+        if !range.contains(&value) {
+            self.complain(&at, key, format!("is {value}, must be from {} to {}", range.start(), range.end()));
         }
-        Some(step_s)
+        Some(value)
     }
 
     fn parameters(&mut self, fields: &mut Fields<'_>, mechanism: MechanismKind) -> Vec<Value> {

@@ -55,13 +55,16 @@ fn written_rig_parses_to_the_same_rig() {
 }
 
 #[test]
-fn steps_of_a_simulation_are_read_written_and_have_a_range() {
-    let with = |step: &str| FULL.replace("mechanism =", &format!("euler_step_s = {step}\nmechanism ="));
+fn numerics_of_a_simulation_are_read_written_and_have_a_range() {
+    let with = |step: &str| {
+        let numerics = format!("[numerics]\neuler_step_s = {step}\nsmooth_rate = 0.01\n[parameters]");
+        FULL.replacen("[parameters]", &numerics, 1)
+    };
     let rig = Rig::parse(&with("0.002"), "rig.toml").unwrap();
-    assert_eq!(rig.euler_step_s, Some(0.002));
+    assert_eq!(rig.numerics, Numerics { euler_step_s: Some(0.002), smooth_rate: Some(0.01) });
     assert_eq!(Rig::parse(&rig.to_toml(), "again").unwrap(), rig);
     let errors = Rig::parse(&with("2.0"), "case/rig.toml").unwrap_err().to_string();
-    assert!(errors.contains("case/rig.toml:3: `euler_step_s`: is 2, must be from 0.00001 to 0.1 s"), "{errors}");
+    assert!(errors.contains("case/rig.toml:5: `euler_step_s`: is 2, must be from 0.00001 to 0.1"), "{errors}");
 }
 
 #[test]

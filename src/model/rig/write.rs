@@ -1,14 +1,17 @@
 //! Writes a rig as TOML that parses to the same rig. RT: no.
 
-use super::{Actuator, Effect, RecordingEntry, Rig, Sensor, Side, Use, Value};
+use super::{Actuator, Effect, Numerics, RecordingEntry, Rig, Sensor, Side, Use, Value};
 
 impl Rig {
     /// The rig as the text of a rig file.
     #[must_use]
     pub fn to_toml(&self) -> String {
         let mut out = format!("schema = 1\nname = {}\nmechanism = \"{}\"\n", quoted(&self.name), self.mechanism.id());
-        if let Some(step_s) = self.euler_step_s {
-            line(&mut out, "euler_step_s", &float(step_s));
+        if self.numerics != Numerics::default() {
+            out.push_str("\n[numerics]\n");
+        }
+        for (key, value) in [("euler_step_s", self.numerics.euler_step_s), ("smooth_rate", self.numerics.smooth_rate)] {
+            value.iter().for_each(|value| line(&mut out, key, &float(*value)));
         }
         out.push_str("\n[parameters]\n");
         for (info, value) in self.mechanism.parameters().iter().zip(&self.parameters) {

@@ -1,0 +1,144 @@
+//! What the simulator that made a recording, if one did, does to the equations of the machine: its steps, and a smooth sign of friction.
+//!
+//! A simulator that takes forces from the beginning of a step as long as a row is off by what such a step makes of the machine: in two
+//! links that whirl that is more than most effects of the library do, and half a row ([`crate::diagnose::robustness::instants`]) is but its
+//! first order. Where friction's sign is smooth, a joint creeps where it would stick. No machine steps. So these are numbers like any other of the
+//! simulation: the likeliest are taken, the rig's own unless others are more than chance.
+//! RT: no.
+
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
+use crate::diagnose::search::candidate_fit::REFIT;
+use crate::identify::fit::Limits;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::{is_misfit, white};
+use crate::model::effect::EffectKind;
+use crate::model::rig::Numerics;
+use rayon::prelude::*;
+
+/// Steps per row that are tried. The error of a step goes with its length: what lies between is nearly one of these.
+const PER_ROW: [f64; 3] = [1.0, 2.0, 4.0];
+
+/// Rates within which friction may change its sign that are tried, rad/s or m/s; a simulator that is to look right has no larger ones.
+const SMOOTH_RATES: [f64; 6] = [1e-3, 2e-3, 4e-3, 8e-3, 0.016, 0.032];
+
+/// `of` fitted again with the numerics that these recordings show; `None` if it has them, or if more than noise stays with any: what made
+/// these recordings is then no simulation of this machine, but a machine, or one that lacks something.
+#[must_use]
+pub fn with_likeliest_numerics(of: &FittedModel, context: &Context) -> Option<FittedModel> {
+    let row_s = shortest_row_s(of)?;
+    let own = of.rig.numerics;
+    let steps = std::iter::once(None).chain(PER_ROW.map(|n| Some(row_s / n)));
+    let stepped = likeliest(of, steps.map(|euler_step_s| Numerics { euler_step_s, ..own }), context);
+    let is_left = |fit: &FittedModel| is_misfit(&fit.residuals, &context.floors);
+    if is_left(&stepped) {
+        return None;
+    }
+    let rates = if has_dry_friction(of) { &SMOOTH_RATES[..] } else { &[] };
+    let rates = std::iter::once(None).chain(rates.iter().map(|rate| Some(*rate)));
+    let best = likeliest(&stepped, rates.map(|smooth_rate| Numerics { smooth_rate, ..stepped.rig.numerics }), context);
+    let is_more_than_chance = compare(&best, of, context).total > detection_threshold(context, 1);
+    (best.rig.numerics != own && !is_left(&best) && is_more_than_chance).then_some(best)
+}
+
+fn has_dry_friction(of: &FittedModel) -> bool {
+    let is_dry =
+        |kind| matches!(kind, EffectKind::CoulombFriction | EffectKind::StribeckFriction | EffectKind::LoadFriction);
+    of.rig.effects.iter().any(|effect| is_dry(effect.kind))
+}
+
+/// The likeliest of `of` and its fits with `all` numerics.
+fn likeliest(of: &FittedModel, all: impl Iterator<Item = Numerics>, context: &Context) -> FittedModel {
+    let others: Vec<Numerics> = all.filter(|numerics| *numerics != of.rig.numerics).collect();
+    let fits: Vec<FittedModel> = others.into_par_iter().filter_map(|n| with_numerics(of, n, context)).collect();
+    fits.into_iter().fold(of.clone(), |best, fit| if fit.likelihood > best.likelihood { fit } else { best })
+}
+
+/// `of` fitted again with other numerics.
+#[must_use]
+pub fn with_numerics(of: &FittedModel, numerics: Numerics, context: &Context) -> Option<FittedModel> {
+    let mut rig = of.rig.clone();
+    rig.numerics = numerics;
+    let (problem, start) = of.extended(rig);
+    let noise = white(&of.residuals, &context.floors);
+    let first = FittedModel::fitted(problem, start, &noise, &context.floors, Limits::default())?;
+    let finer = first.polished(&first.noise, &context.floors, REFIT);
+    Some(finer.filter(|finer| finer.likelihood > first.likelihood).unwrap_or(first))
+}
+
+/// The usual time from row to row in the recording that has the shortest, s.
+fn shortest_row_s(of: &FittedModel) -> Option<f64> {
+    let usual = |times: &[f64]| {
+        let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        steps.sort_unstable_by(f64::total_cmp);
+        steps.get(steps.len() / 2).copied()
+    };
+    of.problem.recordings.iter().filter_map(|r| usual(&r.times)).min_by(f64::total_cmp)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::judge::evidence::Ledger;
+    use crate::identify::experiment::Recording;
+    use crate::identify::noise::Colour;
+    use crate::identify::problem::Problem;
+    use crate::identify::synthesis::record;
+    use crate::model::rig::Rig;
+
+    const LINKS: &str = "mechanism = \"double_pendulum\"\n[parameters]\ninertia1_kg_m2 = 0.02\ninertia2_kg_m2 = 0.055\n\
+        moment1_kg_m = 0.07\nmoment2_kg_m = { value = 0.2, min = 0.1, max = 0.3 }\nmass2_kg = 1.1\nlength1_m = 0.25\n\
+        gravity_m_s2 = 9.81\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"q1_rad\"\n[[sensor]]\nmeasures = \"q2\"\ncolumn = \"q2_rad\"\n";
+
+    /// Friction of .1 Nm holds it against what the actuator gives for most of the time.
+    const HELD: &str = "mechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = { value = 0.01, min = 0.005, max = 0.02 }\n\
+        gravity_nm = 0.1\n[[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.15\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\nnoise_std = 0.0005\n\
+        [[effect]]\neffect = \"coulomb_friction\"\nat = \"q1\"\ncoulomb = { value = 0.1, min = 0.0, max = 0.2 }\n";
+
+    /// What is recorded of `machine` with `numerics` in rows of 10 ms from `start` on, fitted in exact steps and with sticking friction.
+    fn fitted_exactly(machine: &str, start: &[f64], numerics: Numerics) -> (FittedModel, Context) {
+        let rig = Rig::parse(&format!("schema = 1\n{machine}"), "rig.toml").unwrap();
+        let sensors = rig.sensors.len();
+        let times: Vec<f64> = (0..200).map(|k| f64::from(k) * 0.01).collect();
+        let inputs = rig.actuators.iter().map(|_| times.iter().map(|t| libm::sin(5.0 * t)).collect()).collect();
+        let mut recording = Recording::new("a.csv", times, inputs, vec![Vec::new(); sensors]);
+        recording.measured = record(&Rig { numerics, ..rig.clone() }, &recording, start, Some(3)).unwrap().measured;
+        let context = Context {
+            floors: vec![2e-4; sensors],
+            samples: 200 * sensors,
+            given: rig.effects.len(),
+            is_trapped: false,
+            seed: 1,
+            ledger: Ledger::default(),
+            held_out: None,
+        };
+        let problem = Problem::new(rig, vec![recording]);
+        let (start, noise) = (problem.start(), vec![Colour::white(0.01); sensors]);
+        (FittedModel::fitted(problem, start, &noise, &context.floors, Limits::default()).unwrap(), context)
+    }
+
+    #[test]
+    fn steps_of_a_simulator_are_found_and_exact_motion_stays_exact() {
+        for step_s in [0.01, 0.005] {
+            let numerics = Numerics { euler_step_s: Some(step_s), smooth_rate: None };
+            let (of, context) = fitted_exactly(LINKS, &[1.2, -0.4, 0.0, 0.0], numerics);
+            let found = with_likeliest_numerics(&of, &context).unwrap();
+            assert!((found.rig.numerics.euler_step_s.unwrap() / step_s - 1.0).abs() < 1e-9);
+            let moment2 = found.problem.values(&found.point.parameters)[0];
+            assert!((moment2 / 0.2 - 1.0).abs() < 1e-3, "{moment2}");
+            assert!(with_likeliest_numerics(&found, &context).is_none(), "they are its own");
+        }
+        for (machine, start) in [(LINKS, &[1.2, -0.4, 0.0, 0.0][..]), (HELD, &[0.0, 0.0])] {
+            let (of, context) = fitted_exactly(machine, start, Numerics::default());
+            assert!(with_likeliest_numerics(&of, &context).is_none());
+        }
+    }
+
+    #[test]
+    fn a_smooth_sign_of_friction_is_found() {
+        let numerics = Numerics { euler_step_s: None, smooth_rate: Some(0.012) };
+        let (of, context) = fitted_exactly(HELD, &[0.0, 0.0], numerics);
+        let found = with_likeliest_numerics(&of, &context).unwrap();
+        let rate = found.rig.numerics.smooth_rate.unwrap();
+        assert!((0.5..2.0).contains(&(rate / 0.012)), "{rate}");
+    }
+}
