@@ -536,13 +536,9 @@ pub struct FootPlacement {
     pub toe_out_share: f64,
     /// Share of a foothold's height that the stance toe takes up.
     pub floor_share: f64,
-    /// Share of a foothold's height that is remembered for the next one.
+    /// With each step the footholds before count for so much of what they did, where the floor is and how steep.
     pub floor_memory: f64,
-    /// Share of a step's rise that is taken for slope.
-    pub slope_share: f64,
-    /// A floor that seems less steep is level: tiles, and errors of the attitude, rad.
-    pub slope_level_rad: f64,
-    /// Swing angle at touchdown that is added in steady walking for each rad beyond it that the floor goes down, rad/rad.
+    /// Swing angle at touchdown that is added in steady walking for each rad that the floor goes down, rad/rad.
     pub angle_per_slope: f64,
     /// Push-off of the stance toe, m.
     pub push_m: f64,

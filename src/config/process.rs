@@ -227,8 +227,6 @@ fn foot_placement(r: &Reader<'_>) -> FootPlacement {
         toe_out_share: r.number("toe_out_share", range(0.0, 1.0, "1")),
         floor_share: r.number("floor_share", range(0.0, 2.0, "1")),
         floor_memory: r.number("floor_memory", range(0.0, 1.0, "1")),
-        slope_share: r.number("slope_share", range(0.0, 1.0, "1")),
-        slope_level_rad: r.number("slope_level_rad", range(0.0, 0.1, "rad")),
         angle_per_slope: r.number("angle_per_slope", range(-5.0, 5.0, "1")),
         push_m: r.number("push_m", range(0.0, 0.2, "m")),
         push_per_speed_s: r.number("push_per_speed_s", range(-0.2, 0.2, "s")),

@@ -4,6 +4,7 @@
 //! solved for the ξ that is wanted. What the map leaves out (push-off, toes, slope, a wrong model) is learnt per leg as a
 //! gain of ξ² in a step; the heights of footholds are learnt from the geometry while both feet are on the ground.
 
+use super::floor::Floor;
 use super::pendulum::{KAPPA2, energy, passing_rad_s};
 use crate::config::checked::{Config, FootPlacement as Numbers, VirtualConstraint};
 use crate::model::compass_gait::impact;
@@ -22,14 +23,6 @@ pub(super) struct Landing {
     /// What is aimed at beyond what the steady walk's numbers say, m/s.
     faster_m_s: f64,
     floor: Floor,
-}
-
-/// Height of the foothold over the mean floor, from step to step.
-#[derive(Clone, Copy, Debug, Default)]
-struct Floor {
-    height_m: f64,
-    /// Mean rise of a step, m: the floor's slope or the attitude's error.
-    rise_m: f64,
 }
 
 /// Steady walking: which speed is aimed at for one that is asked for, and its swing angle at touchdown.
@@ -101,7 +94,7 @@ impl Landing {
             steady: Steady::of_placement(&config.control.foot_placement),
             gain: [0.0; 2],
             faster_m_s: 0.0,
-            floor: Floor::default(),
+            floor: Floor::new(),
         }
     }
 
@@ -109,7 +102,7 @@ impl Landing {
     pub(super) const fn reset(&mut self) {
         self.gain = [self.numbers.first_gain; 2];
         self.faster_m_s = 0.0;
-        self.floor = Floor { height_m: 0.0, rise_m: 0.0 };
+        self.floor = Floor::new();
     }
 
     /// Forgets, the push-off too: a step that catches has none.
@@ -119,16 +112,13 @@ impl Landing {
     }
 
     /// Height of the present foothold over the mean floor, m.
-    pub(super) const fn height_m(&self) -> f64 {
-        self.floor.height_m
+    pub(super) fn height_m(&self) -> f64 {
+        self.floor.over_m()
     }
 
     /// At a touchdown, the new stance toe being so much longer than the other.
     pub(super) fn learn_floor(&mut self, e: &Estimate, longer_m: f64) {
-        let n = &self.numbers;
-        let over = self.rise_m(e, longer_m) - self.floor.rise_m;
-        self.floor.rise_m += n.slope_share * over;
-        self.floor.height_m = n.floor_memory * (self.floor.height_m + over);
+        self.floor.step(self.stride_m(e), self.rise_m(e, longer_m), self.numbers.floor_memory);
     }
 
     /// ξ² that was expected of this step without what is learnt, and its estimate.
@@ -142,8 +132,11 @@ impl Landing {
     ///
     /// The way, not the speed: of two steps of different times the mean of the speeds is more than the speed of both.
     pub(super) fn learn_speed(&mut self, e: &Estimate, took_s: f64, asked_m_s: f64) {
-        let made_m = self.leg_m * (libm::sin(e.theta_stance_rad) - libm::sin(e.theta_swing_rad));
-        let lacks_m = (asked_m_s * took_s - made_m).clamp(-MOST_LACKING_M, MOST_LACKING_M);
+        let lacks_m = (asked_m_s * took_s - self.stride_m(e)).clamp(-MOST_LACKING_M, MOST_LACKING_M);
+        // A robot that is too fast although the slowest passing is aimed at would only be told so for ever.
+        if lacks_m < 0.0 && self.aimed_energy(asked_m_s) <= self.slow_energy(asked_m_s) {
+            return;
+        }
         let faster_m_s = self.faster_m_s + self.numbers.faster_per_way_1_s * lacks_m;
         self.faster_m_s = faster_m_s.clamp(-MOST_FASTER_M_S, MOST_FASTER_M_S);
     }
@@ -154,19 +147,23 @@ impl Landing {
     /// and it would be faster still, until its swing leg comes too late.
     pub(super) fn steady_rad(&self, asked_m_s: f64) -> f64 {
         let level_rad = self.steady.angle_for(asked_m_s);
-        (level_rad + self.numbers.angle_per_slope * self.downhill_rad(level_rad)).clamp(LEAST_RAD, MOST_RAD)
+        (level_rad + self.numbers.angle_per_slope * self.downhill_rad()).clamp(LEAST_RAD, MOST_RAD)
     }
 
-    /// How much more steeply than a level floor can seem the floor goes down, as learnt, with steps of this swing angle, rad.
-    fn downhill_rad(&self, angle_rad: f64) -> f64 {
-        let slope_rad = -self.floor.rise_m / (2.0 * self.leg_m * angle_rad.max(LEAST_RAD));
-        let beyond_rad = (slope_rad.abs() - self.numbers.slope_level_rad).clamp(0.0, MOST_SLOPE_RAD);
-        libm::copysign(beyond_rad, slope_rad)
+    /// How steeply the floor goes down, as learnt, rad.
+    fn downhill_rad(&self) -> f64 {
+        (-self.floor.slope_rad()).clamp(-MOST_SLOPE_RAD, MOST_SLOPE_RAD)
     }
 
     /// Speed to aim at for one that is asked for, m/s.
     fn aimed_m_s(&self, speed_m_s: f64) -> f64 {
         (self.steady.aimed_for(speed_m_s) + self.faster_m_s).max(SLOWEST_M_S)
+    }
+
+    /// ξ² of steady walking at the speed that is aimed at, rad²/s².
+    fn aimed_energy(&self, asked_m_s: f64) -> f64 {
+        let passing = passing_rad_s(self.steady_rad(asked_m_s), self.aimed_m_s(asked_m_s) / self.leg_m);
+        passing * passing
     }
 
     /// ξ² below which a step is too slow, rad²/s²: a share of what level walking at exactly the speed that is asked for has. A
@@ -191,13 +188,12 @@ impl Landing {
     pub(super) fn aim(&self, e: &Estimate, speed_m_s: f64) -> Foothold {
         let n = &self.numbers;
         let stops = speed_m_s <= 0.0;
-        let aimed_m_s = self.aimed_m_s(speed_m_s);
-        let wanted_rad = self.steady_rad(speed_m_s);
-        let passing = passing_rad_s(wanted_rad, aimed_m_s / self.leg_m);
         if stops {
             return Foothold { angle_rad: self.passable(e, STOPPING, 0.0), ..Foothold::default() };
         }
-        let wanted = passing * passing;
+        let (aimed_m_s, wanted_rad) = (self.aimed_m_s(speed_m_s), self.steady_rad(speed_m_s));
+        // What counts as too slow is never aimed at.
+        let wanted = self.aimed_energy(speed_m_s).max(self.slow_energy(speed_m_s));
         let steady_m = n.push_m + n.push_per_speed_s * (aimed_m_s - self.steady.aimed_m_s);
         let (push_m, gain) = self.push(e, wanted, wanted_rad, steady_m);
         Foothold { angle_rad: self.foothold(e, wanted, wanted_rad, gain), push_m, gain }
@@ -218,6 +214,11 @@ impl Landing {
         let lacks = wanted - self.next_energy(e, angle_rad) - self.gain_of(e.stance.other());
         let push_m = (steady_m + lacks / PUSH_GAIN).clamp(n.push_least_m, n.push_most_m);
         (push_m, PUSH_GAIN * (push_m - steady_m))
+    }
+
+    /// How far ahead of the last foothold the new one is, m.
+    fn stride_m(&self, e: &Estimate) -> f64 {
+        self.leg_m * (libm::sin(e.theta_stance_rad) - libm::sin(e.theta_swing_rad))
     }
 
     /// How much higher the new foothold is than the last one, m: both feet are on the ground.
@@ -308,26 +309,44 @@ mod tests {
 
     #[test]
     fn steps_that_lead_downhill_are_longer_and_uphill_shorter() {
-        let config = crate::config::load(None, &[]).unwrap().config;
         let walked = |slope_rad: f64| {
-            let mut landing = Landing::new(&config);
-            landing.reset();
+            let mut landing = landing();
             let angle = landing.steady_rad(0.4);
             // Both feet on a slope: the legs' bisector is normal to it.
             let [stance, swing] = [angle - slope_rad, -angle - slope_rad];
             let e = Estimate { theta_stance_rad: stance, theta_swing_rad: swing, ..Estimate::default() };
             (0..100).for_each(|_| landing.learn_floor(&e, 0.0));
-            (landing.downhill_rad(angle), landing.steady_rad(0.4) - angle)
+            assert!(landing.height_m().abs() < 1e-3);
+            (landing.downhill_rad(), landing.steady_rad(0.4) - angle)
         };
-        let per_slope = config.control.foot_placement.angle_per_slope;
-        let level_rad = config.control.foot_placement.slope_level_rad;
-        for slope_rad in [-0.03, -0.9 * level_rad, 0.0, 0.03] {
+        let per_slope = landing().numbers.angle_per_slope;
+        for slope_rad in [-0.03, 0.0, 0.03] {
             let (learnt, longer) = walked(slope_rad);
-            let beyond_rad = libm::copysign((slope_rad.abs() - level_rad).max(0.0), slope_rad);
-            assert!((learnt - beyond_rad).abs() < 1e-3, "{slope_rad}: {learnt}");
-            assert!((longer - per_slope * beyond_rad).abs() < 1e-3, "{slope_rad}: {longer}");
+            assert!((learnt - slope_rad).abs() < 1e-3, "{slope_rad}: {learnt}");
+            assert!((longer - per_slope * slope_rad).abs() < 1e-3, "{slope_rad}: {longer}");
         }
         assert!(per_slope > 0.0);
+    }
+
+    #[test]
+    fn a_robot_that_nothing_slows_down_is_not_told_to_crawl() {
+        let mut landing = landing();
+        // Downhill, steps of twice the length that is planned, for long.
+        let e = Estimate { theta_stance_rad: 0.215, theta_swing_rad: -0.285, ..Estimate::default() };
+        (0..40).for_each(|_| landing.learn_floor(&e, 0.0));
+        (0..200).for_each(|_| landing.learn_speed(&e, 0.9, 0.4));
+        let slow = landing.slow_energy(0.4);
+        assert!(landing.aimed_energy(0.4) < slow + 0.01 && landing.faster_m_s > -MOST_FASTER_M_S, "{landing:?}");
+        let passing = libm::sqrt(slow);
+        let e = Estimate { theta_stance_rad_s: -passing, ..Estimate::default() };
+        let next = |goal: &Foothold| {
+            landing.next_energy(&e, landing.steady_rad(0.4)) + landing.gain_of(e.stance.other()) + goal.gain
+        };
+        assert!(next(&landing.aim(&e, 0.4)) > slow - 1e-9);
+        // One step that comes too late, and it is told to be faster again.
+        let before_m_s = landing.faster_m_s;
+        landing.learn_speed(&e, 1.5, 0.4);
+        assert!(landing.faster_m_s > before_m_s);
     }
 
     fn landing() -> Landing {

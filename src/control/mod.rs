@@ -28,6 +28,7 @@
 mod balance;
 mod catch;
 mod compliance;
+mod floor;
 mod foot_placement;
 mod friction;
 mod gains;
