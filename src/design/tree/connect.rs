@@ -1,7 +1,7 @@
 //! From a state to a planned motion, and from a motion to branches. RT: no.
 
 use super::{Ground, State};
-use crate::control::tree::file::{BranchRow, Link, row};
+use crate::control::tree::file::{BranchRow, COLUMNS, Link, node, row};
 use crate::control::tree::{Node, Tree};
 use crate::design::problem::{Cost, End, Finish, Landing, Limits, Phase, Problem, Start};
 use crate::design::solve::{Effort, Failure, Solution, plan_guessed};
@@ -24,8 +24,8 @@ const ENDS: f64 = 0.5;
 const DURATION_S: [f64; 2] = [0.02, 1.5];
 /// A motion joins the tree where it costs less than this share of a tube's level.
 const JOIN: f64 = 0.25;
-/// Steps of the Riccati equation between two nodes.
-const RICCATI_STEPS: usize = 6;
+/// Steps of the Riccati equation between two nodes. With 6 the cost of 6 % of the nodes was indefinite.
+const RICCATI_STEPS: usize = 24;
 
 /// The problem of coming upright from `x` by so many steps, in the direction in which it falls.
 #[must_use]
@@ -91,7 +91,7 @@ fn guess(x: &State, steps: usize, first_s: f64, phase: usize, share: f64) -> (St
 }
 
 /// Branches of a motion, up to the first tube of the tree that it enters; `first` is the number of the first new branch.
-/// `None` when an impact is singular.
+/// `None` when an impact is singular or a cost indefinite.
 #[must_use]
 pub fn branches(ground: &Ground, tree: &Tree, solution: &Solution, first: usize) -> Option<Vec<BranchRow>> {
     let mut motion = solution.trajectory.clone();
@@ -114,8 +114,9 @@ pub fn branches(ground: &Ground, tree: &Tree, solution: &Solution, first: usize)
         }
     }
     let last = motion.arcs.last()?;
-    let (end, final_cost) = match joined {
-        None => (None, *ground.balance_cost(last.stance)),
+    // Cost-to-go goes on over the joint, so a new tube leads into the one that it ends in with the same level.
+    let (end, final_cost, level) = match joined {
+        None => (None, *ground.balance_cost(last.stance), ground.terms.goal_level),
         Some(found) => {
             let branch = &tree.branches[found.branch as usize];
             let at_s = f64::from(found.node) * branch.spacing_s();
@@ -125,10 +126,11 @@ pub fn branches(ground: &Ground, tree: &Tree, solution: &Solution, first: usize)
                 mirrored: found.mirrored,
                 at_s: (at_s as f32).min(branch.duration_s as f32),
             };
-            (Some(link), full(&branch.nodes[found.node as usize].cost))
+            let node = &branch.nodes[found.node as usize];
+            (Some(link), full(&node.cost), node.level)
         }
     };
-    rows(ground, &motion, end, &final_cost, first)
+    rows(ground, &motion, end, &final_cost, level, first)
 }
 
 fn rows(
@@ -136,13 +138,14 @@ fn rows(
     motion: &Trajectory,
     end: Option<Link>,
     final_cost: &Matrix4<f64>,
+    level: f64,
     first: usize,
 ) -> Option<Vec<BranchRow>> {
     let counts: Vec<usize> = motion.arcs.iter().map(|arc| intervals(ground, arc)).collect();
     let gains = gains_in(motion, &Weights::THESIS, final_cost, |p| RICCATI_STEPS * counts[p])?;
     let mut out = Vec::new();
     for (p, arc) in motion.arcs.iter().enumerate() {
-        let node = |k: usize| {
+        let at = |k: usize| {
             let t = arc.duration_s * ratio(k, counts[p]);
             let (state, torque) = (arc.state(t), arc.torque(t));
             row(&Node {
@@ -151,7 +154,7 @@ fn rows(
                 torque,
                 gain: gains[p].gain[RICCATI_STEPS * k].transpose().into(),
                 cost: upper(&gains[p].cost[RICCATI_STEPS * k]),
-                level: ground.terms.first_level,
+                level,
             })
         };
         let last = p + 1 == motion.arcs.len();
@@ -163,11 +166,12 @@ fn rows(
             duration_s: arc.duration_s as f32,
             touchdown: !last,
             next: if last { end } else { Some(next) },
-            nodes: (0..=counts[p]).map(node).collect(),
+            nodes: (0..=counts[p]).map(at).collect(),
         });
     }
-    let finite = out.iter().flat_map(|row| row.nodes.iter().flatten()).all(|x| x.is_finite());
-    finite.then_some(out)
+    // A cost that rounding has left indefinite has a tube without end.
+    let sound = |row: &[f32; COLUMNS]| row.iter().all(|x| x.is_finite()) && full(&node(row).cost).cholesky().is_some();
+    out.iter().flat_map(|row| &row.nodes).all(sound).then_some(out)
 }
 
 /// Intervals of an arc.

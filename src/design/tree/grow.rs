@@ -51,6 +51,8 @@ enum Fate {
 const TRIES: usize = 2;
 /// A tube is cut down to a little below where it failed.
 const BELOW: f64 = 0.98;
+/// A tube is cut down to this at least: below, rounding would decide who is in it.
+const LEAST_LEVEL: f32 = 1e-9;
 /// Least and most samples of a batch.
 const BATCH: [u64; 2] = [32, 2048];
 /// First guess of the time to a touchdown, s.
@@ -148,7 +150,7 @@ impl Grower {
         let row = self.file.branches.get_mut(cut.branch as usize).and_then(|b| b.nodes.get_mut(cut.node as usize));
         if let Some([.., level]) = row {
             #[expect(clippy::cast_possible_truncation, reason = "single precision is the format")]
-            let to = (cut.level as f32).max(f32::MIN_POSITIVE);
+            let to = (cut.level as f32).max(LEAST_LEVEL);
             if to < *level {
                 *level = to;
                 self.file.counts.cuts += 1;

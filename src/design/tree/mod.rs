@@ -54,8 +54,6 @@ pub struct Terms {
     pub descent_m_s: f64,
     /// Balance recovers from a cost up to this.
     pub goal_level: f64,
-    /// Level of a new tube.
-    pub first_level: f64,
     /// Time between nodes, s.
     pub spacing_s: f64,
     /// The swing toe goes in with the swing, and is out again at the planned touchdown. At the start it is in.
@@ -80,7 +78,6 @@ impl Terms {
             step_m: [0.05, 0.6],
             descent_m_s: 0.05,
             goal_level: 2.5,
-            first_level: 20.0,
             spacing_s: 0.06,
             toe: Clearance { height_m: 0.005, until_s: 0.03, begun_s: 1.0, ..Clearance::TOES },
             swing_rad: 0.9,

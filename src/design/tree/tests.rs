@@ -134,6 +134,17 @@ fn same_seed_gives_the_same_tree_on_any_threads_and_after_a_stop() {
 }
 
 #[test]
+fn no_tube_is_larger_than_balance_and_every_cost_is_positive() {
+    let tree = Tree::new(&grown(2, &[96]));
+    for node in tree.branches.iter().flat_map(|branch| &branch.nodes) {
+        assert!(node.level > 0.0 && node.level <= tree.goal_level, "{node:?}");
+        let [aa, ab, ac, ad, bb, bc, bd, cc, cd, dd] = node.cost;
+        let cost = Matrix4::new(aa, ab, ac, ad, ab, bb, bc, bd, ac, bc, cc, cd, ad, bd, cd, dd);
+        assert!(cost.cholesky().is_some(), "{node:?}");
+    }
+}
+
+#[test]
 fn file_is_whole_or_not_there_and_other_terms_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.tree");
