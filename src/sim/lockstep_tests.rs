@@ -83,7 +83,8 @@ fn a_toe_that_does_not_go_where_it_is_sent_is_told_by_its_name() {
     let (fault, mode) = told.expect("it was not told");
     println!("{fault} at {:.3} s", fault.stamp.as_s());
     assert_eq!((fault.index, mode), (Drive::OuterToeB as u8, Mode::Armed));
-    assert!((6.0..7.5).contains(&fault.stamp.as_s()), "{fault}");
+    // Within two strides: in a short swing it has not had its time yet.
+    assert!((6.0..9.0).contains(&fault.stamp.as_s()), "{fault}");
 }
 
 #[test]

@@ -135,7 +135,7 @@ fn same_seed_gives_the_same_tree_on_any_threads_and_after_a_stop() {
 
 #[test]
 fn no_tube_is_larger_than_balance_and_every_cost_is_positive() {
-    let tree = Tree::new(&grown(2, &[96]));
+    let tree = Tree::new(&grown(2, &[64]));
     for node in tree.branches.iter().flat_map(|branch| &branch.nodes) {
         assert!(node.level > 0.0 && node.level <= tree.goal_level, "{node:?}");
         let [aa, ab, ac, ad, bb, bc, bd, cc, cd, dd] = node.cost;
