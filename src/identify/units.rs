@@ -49,18 +49,27 @@ pub fn wrong_units(rig: &Rig, recording: &Recording) -> Vec<String> {
     }
     let best = tries.into_iter().map(|columns| (error(rig, &converted(rig, recording, &columns)), columns));
     let Some((after, columns)) = best.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Vec::new() };
-    if before <= SMALL_ERROR || after >= CONVICTED * before {
+    if !is_convicted(before, after) {
         return Vec::new();
     }
     columns.iter().map(|c| line(rig, recording, *c, before / after)).collect()
 }
 
+/// True if the error `before`, with the columns as they are, and `after`, with them converted, speak for another unit. A simulation that
+/// runs away tells no more than one that follows nothing, which errs by the spread of the readings: converted, the motion is small,
+/// and there the same simulation stays finite.
+fn is_convicted(before: f64, after: f64) -> bool {
+    let before = if before.is_finite() { before } else { 1.0 };
+    before > SMALL_ERROR && after < CONVICTED * before
+}
+
 fn line(rig: &Rig, recording: &Recording, column: usize, times: f64) -> String {
     let (sensor, unit) = (&rig.sensors[column], unit_of(&rig.sensors[column]));
     let (row, most) = largest(&recording.measured[column]);
+    let closer = if times.is_finite() { format!("{times:.0} times closer") } else { "where it ran away".to_owned() };
     format!(
-        "{}: row {}, column `{}`: reads {most}; the column is in {}: converted, the simulation follows it {times:.0} times \
-         closer; multiply it by {:.9} to have {}",
+        "{}: row {}, column `{}`: reads {most}; the column is in {}: converted, the simulation follows it {closer}; \
+         multiply it by {:.9} to have {}",
         recording.name,
         // As an editor counts: the header is row 1.
         row + 2,
@@ -132,6 +141,13 @@ mod tests {
             recording.measured[*c].iter_mut().for_each(|y| *y *= 180.0 / std::f64::consts::PI);
         }
         recording
+    }
+
+    #[test]
+    fn a_simulation_that_runs_away_convicts_no_unit_unless_it_follows_the_converted_column() {
+        assert!(is_convicted(2.0, 1.9 * CONVICTED) && !is_convicted(2.0, 2.1 * CONVICTED));
+        assert!(!is_convicted(0.5 * SMALL_ERROR, 0.0));
+        assert!(is_convicted(f64::INFINITY, 0.9 * CONVICTED) && !is_convicted(f64::INFINITY, 1.1 * CONVICTED));
     }
 
     #[test]
