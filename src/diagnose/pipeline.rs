@@ -225,10 +225,10 @@ fn numerics_told(numerics: Numerics) -> String {
     let sign = smooth_rate.map(|r| format!("gives friction a smooth sign (tanh of the rate over {r})"));
     let what: Vec<String> = steps.into_iter().chain(sign).collect();
     if what.is_empty() {
-        return "the recordings are those of an exact integration".to_owned();
+        return "the recordings agree best with an exact integration".to_owned();
     }
     let what = what.join(" and ");
-    format!("the recordings are those of a simulator that {what}; that is no missing physics and is taken along")
+    format!("the recordings agree best with a simulator that {what}; that is no missing physics and is taken along")
 }
 
 /// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.

@@ -7,7 +7,7 @@ mod entries;
 mod fields;
 
 use super::{Actuator, MechanismKind, Numerics, Rig, Sensor, Side, Value};
-use fields::{Fields, Reader, into_table};
+use fields::{Fields, Reader};
 use std::fmt;
 use std::ops::{Range, RangeInclusive};
 use toml::Spanned;
@@ -130,12 +130,7 @@ impl Reader<'_> {
 
     fn numerics(&mut self, fields: &mut Fields<'_>) -> Numerics {
         let Some(item) = fields.take("numerics") else { return Numerics::default() };
-        let span = item.span();
-        let Some(table) = into_table(item) else {
-            self.complain(&span, "numerics", "must be a table");
-            return Numerics::default();
-        };
-        let mut fields = Fields::new(table, span, "[numerics]");
+        let Some(mut fields) = self.table(item, "numerics", "[numerics]") else { return Numerics::default() };
         let numerics = Numerics {
             euler_step_s: self.within(&mut fields, "euler_step_s", EULER_STEP_S),
             smooth_rate: self.within(&mut fields, "smooth_rate", SMOOTH_RATE),
@@ -155,12 +150,7 @@ impl Reader<'_> {
 
     fn parameters(&mut self, fields: &mut Fields<'_>, mechanism: MechanismKind) -> Vec<Value> {
         let Some(item) = self.required(fields, "parameters") else { return Vec::new() };
-        let span = item.span();
-        let Some(table) = into_table(item) else {
-            self.complain(&span, "parameters", "must be a table");
-            return Vec::new();
-        };
-        let mut fields = Fields::new(table, span, "[parameters]");
+        let Some(mut fields) = self.table(item, "parameters", "[parameters]") else { return Vec::new() };
         let mut out = Vec::new();
         for info in mechanism.parameters() {
             let at = fields.table.get(info.name).map_or(fields.span.clone(), Spanned::span);

@@ -1,6 +1,6 @@
 //! Effects and recordings of a rig file. RT: no.
 
-use super::fields::{Fields, Reader, into_table};
+use super::fields::{Fields, Reader};
 use super::parameter_names;
 use crate::model::effect::{EffectKind, SiteKind};
 use crate::model::rig::{Effect, MechanismKind, RecordingEntry, Rig, Setup, Side, Use, Value};
@@ -130,12 +130,7 @@ impl Reader<'_> {
 
     fn overrides(&mut self, fields: &mut Fields<'_>, mechanism: MechanismKind) -> Vec<(usize, Value)> {
         let Some(item) = fields.take("parameters") else { return Vec::new() };
-        let span = item.span();
-        let Some(table) = into_table(item) else {
-            self.complain(&span, "parameters", "must be a table");
-            return Vec::new();
-        };
-        let mut fields = Fields::new(table, span, "parameters of a recording");
+        let Some(mut fields) = self.table(item, "parameters", "parameters of a recording") else { return Vec::new() };
         let mut out = Vec::new();
         for (i, info) in mechanism.parameters().iter().enumerate() {
             if let Some(item) = fields.take(info.name) {

@@ -104,6 +104,16 @@ impl Reader<'_> {
         Some(x)
     }
 
+    /// The keys of the table that stands at `key`; `name` is what messages call it.
+    pub(super) fn table<'a>(&mut self, item: Item<'a>, key: &str, name: &str) -> Option<Fields<'a>> {
+        let span = item.span();
+        let table = into_table(item);
+        if table.is_none() {
+            self.complain(&span, key, "must be a table");
+        }
+        Some(Fields::new(table?, span, name))
+    }
+
     /// `{ value, min, max }` or a bare number.
     pub(super) fn value(&mut self, key: &str, item: Item<'_>) -> Option<Value> {
         let span = item.span();
@@ -171,7 +181,7 @@ impl Reader<'_> {
     }
 }
 
-pub(super) fn into_table<'a>(item: Item<'a>) -> Option<DeTable<'a>> {
+fn into_table<'a>(item: Item<'a>) -> Option<DeTable<'a>> {
     match item.into_inner() {
         DeValue::Table(table) => Some(table),
         _ => None,
