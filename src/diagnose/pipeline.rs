@@ -16,6 +16,7 @@ use crate::diagnose::judge::numbers::{LEAST_SHARE, LONGEST_MEMORY};
 use crate::diagnose::judge::verdict::{
     Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, may_have_missed, refit_is_needed, verdict_of,
 };
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::library::initial_guesses::candidates;
 use crate::diagnose::nameless::pooling_test::{no_common_machine, unfollowed};
 use crate::diagnose::nameless::residual_force::{Unlisted, unexplained};
@@ -24,7 +25,6 @@ use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::scales::scales;
 use crate::diagnose::screen::score_test::ScoreTest;
 use crate::diagnose::search::basin_hopping::escape_local_minimum;
-use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::search::converge_rivals::converge_rivals;
 use crate::diagnose::search::exchange::exchange_and_eliminate;
 use crate::diagnose::search::numerics::{with_likeliest_numerics, with_numerics};

@@ -5,7 +5,7 @@
 use crate::diagnose::judge::criterion::{Context, explained_part};
 use crate::diagnose::judge::evidence::coarsening;
 use crate::diagnose::judge::verdict::{Estimate, ParameterLine, Ranked};
-use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::identifiability::{Scaled, deviations, undetermined};
 use crate::identify::noise::median_abs;

@@ -32,4 +32,4 @@ pub mod numbers;
 pub mod pooling;
 pub mod simplicity;
 pub mod verdict;
-mod worked;
+pub(crate) mod worked;

@@ -276,8 +276,8 @@ fn unlisted(of: &FittedModel, told: &Pattern, patterns: &[Pattern]) -> Unlisted 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::worked::{Shown, shown};
     use crate::diagnose::robustness::held_out::HeldOut;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
     use crate::identify::experiment::{Experiment, Recording};
     use crate::model::rig::Use;
     use std::sync::Arc;
@@ -287,7 +287,7 @@ mod tests {
     /// Whether the same samples, as a recording that was kept back, speak for drag where there is `hidden`.
     fn borne_out(hidden: &str) -> bool {
         let Shown { context, problem } = shown(hidden);
-        let (base, found) = (problem.fitted("", 20, &context), problem.fitted(DRAG, 20, &context));
+        let (base, found) = (problem.fitted("", 20), problem.fitted(DRAG, 20));
         let kept_back = Recording { usage: Use::Heldout, ..found.problem.recordings[0].clone() };
         let experiment = Experiment { rig: base.rig.clone(), recordings: vec![kept_back] };
         let told = |held_out| bear_out(&found, &base, &Context { held_out, ..context.clone() }, &mut |_| {});

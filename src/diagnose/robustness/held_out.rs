@@ -300,7 +300,7 @@ fn part(with: f64, without: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::judge::worked::{Shown, shown};
     use crate::identify::synthesis::{SHAKEN_PENDULUM, shaken_pendulum};
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = 0.004\n";
@@ -328,8 +328,8 @@ mod tests {
     /// What a push at .6 s of so much promises and gains in windows of 1 s that were not fitted, if `happened` is the truth.
     fn push(happened: &str, so_much: f64) -> Confirmation {
         let Shown { context, problem } = shown(happened);
-        let with = problem.fitted(&format!("{PUSH}{so_much}\ntime = 0.6\n"), 10, &context);
-        let without = problem.fitted("", 10, &context);
+        let with = problem.fitted(&format!("{PUSH}{so_much}\ntime = 0.6\n"), 10);
+        let without = problem.fitted("", 10);
         let candidate = Candidate { only: Some("a.csv".into()), ..problem.candidate("external_push", "q1") };
         Confirmation::of_candidate(&candidate, &with, &without, &context).unwrap()
     }
@@ -361,9 +361,9 @@ mod tests {
         let push = |at_s: f64| {
             format!("{PUSH}{{ value = 0.01, min = -1.0, max = 1.0 }}\ntime = {at_s}\nrecordings = [\"a.csv\"]\n")
         };
-        let with = problem.fitted(&(push(0.6) + &push(1.4)), 1, &context);
+        let with = problem.fitted(&(push(0.6) + &push(1.4)), 1);
         let candidate = Candidate { only: Some("a.csv".into()), ..problem.candidate("external_push", "q1") };
-        let asked = |kept: &str| instant_s(&candidate, &with, &problem.fitted(kept, 1, &context)).unwrap();
+        let asked = |kept: &str| instant_s(&candidate, &with, &problem.fitted(kept, 1)).unwrap();
         assert!((asked(&push(1.4)) - 0.6).abs() < 1e-9 && (asked(&push(0.6)) - 1.4).abs() < 1e-9);
         assert!((asked("") - 1.4).abs() < 1e-9, "the last that was added");
     }

@@ -8,11 +8,11 @@
 //! an effect must still count; else half a row that is late is called a clock, a lag, a push, a drag.
 //! RT: no.
 
+use crate::diagnose::library::candidate_fit::REFIT;
 use crate::diagnose::robustness::touchdowns::touchdown_changes;
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::ltv::{LtvWindow, STATES, StateRow};
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
-use crate::diagnose::search::candidate_fit::REFIT;
 use crate::identify::covariance::Change;
 use crate::identify::fit::{Bound, FreeRuns, Point, Series, fit};
 use crate::identify::fitted_model::FittedModel;
@@ -198,8 +198,8 @@ impl FreeRuns for FreeInstants<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::worked::{Shown, shown};
     use crate::diagnose::screen::ltv::tests::mass;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
     use crate::identify::experiment::Recording;
     use crate::identify::fit::Limits;
     use crate::identify::synthesis::record;
@@ -211,7 +211,7 @@ mod tests {
     /// What `effect` gains over the machine as given, alone and beside the instants; rows of 10 ms.
     fn gains(hidden: &str, effect: &str) -> (f64, f64) {
         let Shown { context, problem } = shown(hidden);
-        let (plain, richer) = (problem.fitted("", 20, &context), problem.fitted(effect, 20, &context));
+        let (plain, richer) = (problem.fitted("", 20), problem.fitted(effect, 20));
         let total = |h: &FittedModel| -> f64 { h.blocks(&richer.noise).iter().sum() };
         let gain = total(&richer) - total(&plain);
         (gain, gain_beside_instants(&plain, &richer, (gain, 0.0), None))

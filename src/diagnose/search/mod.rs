@@ -4,7 +4,6 @@
 
 pub mod basin_hopping;
 pub(in crate::diagnose) mod budget;
-pub mod candidate_fit;
 pub mod converge_rivals;
 pub mod exchange;
 pub(in crate::diagnose) mod joint_pair;

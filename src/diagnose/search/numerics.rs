@@ -7,7 +7,7 @@
 //! RT: no.
 
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
-use crate::diagnose::search::candidate_fit::REFIT;
+use crate::diagnose::library::candidate_fit::REFIT;
 use crate::identify::experiment::Recording;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
