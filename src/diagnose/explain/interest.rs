@@ -9,7 +9,7 @@ use crate::diagnose::explain::sentence;
 use crate::diagnose::judge::accept::{is_admissible, strength_is_undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
-use crate::diagnose::judge::numbers::GREATER_PART;
+use crate::diagnose::judge::numbers::{GREATER_PART, TOUCHDOWN_S};
 use crate::diagnose::judge::verdict::{Member, Seen, is_material};
 use crate::diagnose::library::candidate_fit::{CandidateFit, REFIT, SelectedEffect, refit_without};
 use crate::diagnose::nameless::residual_force::Unlisted;
@@ -53,7 +53,8 @@ const WITHIN_ITS_ROW: &str = "commands, readings and forces that go with rates a
 pub fn within_its_row(base: &FittedModel, last: &[CandidateFit], context: &Context) -> Option<Seen> {
     let CandidateFit { candidate, hypothesis, gain } = last.first()?;
     let least = detection_threshold(context, candidate.keys.len());
-    let beside = || gain_beside_instants(base, hypothesis, (*gain, least), candidate.only.as_deref());
+    let only = candidate.only.as_deref();
+    let beside = || gain_beside_instants(base, hypothesis, (*gain, least), only, TOUCHDOWN_S);
     if *gain <= least || beside() > least {
         return None;
     }
@@ -127,13 +128,19 @@ impl Kept {
             let (candidate, without) = (&self.added[effect].candidate, self.without(effect, base, context)?);
             let numbers = candidate.keys.len();
             let gain = compare(&self.found, &without, context).total;
-            let told = Confirmation::of_candidate(candidate, &self.found, &without, context);
+            let told = Confirmation::of_candidate(
+                candidate,
+                &self.found,
+                &without,
+                context.held_out.as_deref(),
+                &context.floors,
+            );
             if let Some(told) = told.filter(|told| told.refutes(numbers, context)) {
                 return Some(Refuted { effect, gained: told.gained, without, why: REFUTED });
             }
             let least = detection_threshold(context, numbers);
             let only = candidate.only.as_deref();
-            let beside = gain_beside_instants(&without, &self.found, (gain, least), only);
+            let beside = gain_beside_instants(&without, &self.found, (gain, least), only, TOUCHDOWN_S);
             let why = if gain > least { WITHIN_ITS_ROW } else { CHANCE };
             (beside <= least).then_some(Refuted { effect, gained: beside, without, why })
         };

@@ -49,7 +49,8 @@ pub fn weight_in_set(
             evidence,
         });
     }
-    let told = || Confirmation::of_candidate(&trial.candidate, winner, &trial.hypothesis, context);
+    let (held_out, floors) = (context.held_out.as_deref(), &context.floors);
+    let told = || Confirmation::of_candidate(&trial.candidate, winner, &trial.hypothesis, held_out, floors);
     let is_behind_elsewhere = is_member && told().is_some_and(|told| told.bears_out(context));
     (is_member && !is_behind_elsewhere).then(|| weight(lead, gain))
 }

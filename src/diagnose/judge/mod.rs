@@ -1,7 +1,7 @@
 //! The judge: is model A better than model B, does an effect stand in the answer, what is the verdict called.
 //!
-//! Functions of fitted models and numbers; nothing is fitted here. Who searches (`stepwise`, `round`, `exchange`,
-//! `pairwise_exchange`, `converge_rivals`) asks and decides nothing.
+//! Functions of fitted models and numbers; what must be fitted to decide, [`robustness`](crate::diagnose::robustness) fits. Who
+//! searches (`stepwise`, `round`, `exchange`, `pairwise_exchange`, `converge_rivals`) asks and decides nothing.
 //!
 //! | file | question |
 //! |---|---|
@@ -13,6 +13,7 @@
 //! | [`exchange`] | does another effect take its place, does it stay at all? |
 //! | [`evidence`] | what would one evidence say in place of the rules? (in shadow) |
 //! | [`continuity`] | are its hidden states those of one machine? |
+//! | [`confirmation`] | does it hold where it was not fitted? |
 //! | [`credible_set`] | what do the data not tell apart from it? |
 //! | [`nameless`] | does a force without a name say more than all that was named? |
 //! | [`pooling`] | are all recordings of one machine, does every channel follow? |
@@ -21,6 +22,7 @@
 //! RT: no.
 
 pub mod accept;
+pub mod confirmation;
 pub mod continuity;
 pub mod credible_set;
 pub mod criterion;

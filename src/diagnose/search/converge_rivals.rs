@@ -3,11 +3,11 @@
 //! RT: no.
 
 use crate::diagnose::judge::accept::is_admissible;
+use crate::diagnose::judge::continuity::has_continuous_states;
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::exchange::takes_its_place;
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
-use crate::diagnose::robustness::state_continuity::has_continuous_states;
 use crate::diagnose::search::budget::{allowance, is_spent, within};
 use crate::diagnose::search::exchange::in_its_place;
 use crate::identify::fit::Limits;

@@ -4,11 +4,11 @@
 //! RT: no.
 
 use crate::diagnose::judge::accept::is_admissible;
+use crate::diagnose::judge::continuity::has_continuous_states;
 use crate::diagnose::judge::criterion::{Context, compare};
 use crate::diagnose::judge::exchange::{earns_its_place, takes_its_place};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
-use crate::diagnose::robustness::state_continuity::has_continuous_states;
 use crate::diagnose::search::budget::{allowance, is_spent, within};
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;

@@ -4,10 +4,11 @@
 //! parameters from the base solution, and ranked under the noise that the best of them leaves.
 //! RT: no.
 
+use crate::diagnose::judge::continuity::has_continuous_states;
 use crate::diagnose::judge::criterion::{self, Context, detection_threshold};
 use crate::diagnose::library::candidate_fit::{CandidateFit, with_effect};
 use crate::diagnose::library::candidates::{Candidate, look_alike};
-use crate::diagnose::robustness::state_continuity::{has_continuous_states, has_more_states};
+use crate::diagnose::robustness::state_continuity::has_more_states;
 use crate::diagnose::screen::score_test::{Column, Own, ScoreTest};
 use crate::diagnose::screen::subsample::{Subsample, subsampled};
 use crate::diagnose::search::budget::{MOST_EFFORT, allowance, allowance_of_a_look, within};
