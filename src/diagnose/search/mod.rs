@@ -13,3 +13,4 @@ pub mod ridge_restarts;
 pub mod round;
 pub mod runners_up;
 pub mod stepwise;
+pub mod subsample;
