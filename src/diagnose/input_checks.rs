@@ -3,7 +3,7 @@
 //!
 //! RT: no.
 
-use crate::diagnose::explain::tables::estimates;
+use crate::diagnose::judge::estimates::estimates;
 use crate::diagnose::nameless::pooling_test::disagreement;
 use crate::identify::experiment::Recording;
 use crate::identify::fit::FreeRuns;

@@ -76,7 +76,6 @@
 //! [`round`]: search::round
 //! [`runners_up`]: search::runners_up
 //! [`score_test`]: screen::score_test
-//! [`sentence`]: explain::sentence
 //! [`stepwise`]: search::stepwise
 //! [`tables`]: explain::tables
 //! [`touchdowns`]: robustness::touchdowns
@@ -92,4 +91,5 @@ pub mod pipeline;
 pub mod robustness;
 pub mod screen;
 pub mod search;
+pub mod sentence;
 pub mod supposed;

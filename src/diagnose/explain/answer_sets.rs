@@ -2,12 +2,13 @@
 //!
 //! RT: no.
 
-use crate::diagnose::explain::sentence;
-use crate::diagnose::explain::tables::{estimates, step_s};
+use crate::diagnose::explain::tables::step_s;
 use crate::diagnose::judge::credible_set::weight_in_set;
 use crate::diagnose::judge::criterion::{Context, detection_threshold};
+use crate::diagnose::judge::estimates::estimates;
 use crate::diagnose::judge::verdict::{Estimate, Member, Missing, Rejected};
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::sentence;
 use crate::identify::fitted_model::FittedModel;
 use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Rig, Scope, Slot};

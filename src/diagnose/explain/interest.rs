@@ -5,7 +5,6 @@
 //! RT: no.
 
 use crate::diagnose::explain::answer_sets::member;
-use crate::diagnose::explain::sentence;
 use crate::diagnose::judge::accept::{is_admissible, strength_is_undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
@@ -15,6 +14,7 @@ use crate::diagnose::library::candidate_fit::{CandidateFit, REFIT, SelectedEffec
 use crate::diagnose::nameless::residual_force::Unlisted;
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::robustness::instants::gain_beside_instants;
+use crate::diagnose::sentence;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::white;
 use std::collections::BTreeMap;

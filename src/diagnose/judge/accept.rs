@@ -5,10 +5,10 @@
 
 use super::continuity::is_externally_driven;
 use super::criterion::{Context, compare, detection_threshold};
+use super::estimates::estimates;
 use super::evidence::{Comparison, Evidence};
 use super::flexibility::is_overly_flexible;
 use super::numbers::{DEVIATIONS, FORM, GREATER_PART, LEAST_SHARE, QUARTER, ROUGH_FORM, TOUCHDOWN_S};
-use crate::diagnose::explain::tables::estimates;
 use crate::diagnose::library::candidate_fit::CandidateFit;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::held_out::Confirmation;

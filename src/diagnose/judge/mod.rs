@@ -11,6 +11,7 @@
 //! | [`flexibility`] | or does it fit a piece of anything? |
 //! | [`simplicity`] | which of two that explain as much comes first? |
 //! | [`exchange`] | does another effect take its place, does it stay at all? |
+//! | [`estimates`] | how sure is each number, what is not determined? |
 //! | [`evidence`] | what would one evidence say in place of the rules? (in shadow) |
 //! | [`continuity`] | are its hidden states those of one machine? |
 //! | [`confirmation`] | does it hold where it was not fitted? |
@@ -26,6 +27,7 @@ pub mod confirmation;
 pub mod continuity;
 pub mod credible_set;
 pub mod criterion;
+pub mod estimates;
 pub mod evidence;
 pub mod exchange;
 pub mod flexibility;

@@ -5,8 +5,8 @@
 //! base is fitted to what was before and to what is after, each with numbers of its own.
 //! RT: no.
 
-use crate::diagnose::explain::tables::estimates;
 use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::estimates::estimates;
 use crate::diagnose::judge::exchange::is_clear;
 use crate::diagnose::judge::nameless::change_is_ahead;
 use crate::diagnose::judge::numbers::DEVIATIONS;

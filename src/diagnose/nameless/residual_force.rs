@@ -2,7 +2,6 @@
 //!
 //! RT: no.
 
-use crate::diagnose::explain::sentence;
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::judge::nameless::{Excess, is_removed};
 use crate::diagnose::judge::numbers::TOUCHDOWN_S;
@@ -15,6 +14,7 @@ use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::robustness::instants::FreeInstants;
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::score_test::ScoreTest;
+use crate::diagnose::sentence;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::is_misfit;
 use crate::identify::noise::{Colour, loss};
