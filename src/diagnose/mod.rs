@@ -81,9 +81,12 @@
 //! [`touchdowns`]: robustness::touchdowns
 //! [`validation`]: crate::identify::validation
 
+pub mod base_model;
 pub mod explain;
 pub mod identification;
 pub mod input_checks;
+#[cfg(test)]
+mod input_tests;
 pub mod judge;
 pub mod library;
 pub mod nameless;
