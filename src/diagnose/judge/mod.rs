@@ -18,6 +18,7 @@
 //! | [`credible_set`] | what do the data not tell apart from it? |
 //! | [`nameless`] | does a force without a name say more than all that was named? |
 //! | [`pooling`] | are all recordings of one machine, does every channel follow? |
+//! | [`rejected`] | why is it not one of the others? |
 //! | [`verdict`] | what is the answer called? |
 //!
 //! RT: no.
@@ -34,6 +35,7 @@ pub mod flexibility;
 pub mod nameless;
 pub mod numbers;
 pub mod pooling;
+pub mod rejected;
 pub mod simplicity;
 pub mod verdict;
 pub(crate) mod worked;

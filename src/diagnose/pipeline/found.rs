@@ -3,7 +3,7 @@
 //! RT: no.
 
 use super::start::numerics_told;
-use crate::diagnose::explain::answer_sets::{answer_sets, rejected};
+use crate::diagnose::explain::answer_sets::answer_sets;
 use crate::diagnose::explain::headline::{costs, headline};
 use crate::diagnose::explain::laws;
 use crate::diagnose::explain::localise::places;
@@ -11,6 +11,7 @@ use crate::diagnose::explain::tables::{parameter_lines, ranking};
 use crate::diagnose::input_checks::{at_bounds, suspicions};
 use crate::diagnose::judge::criterion::{Context, explained_part};
 use crate::diagnose::judge::estimates::undetermined_combinations;
+use crate::diagnose::judge::rejected::rejected;
 use crate::diagnose::judge::verdict::{
     Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, may_have_missed, verdict_of,
 };
