@@ -1,7 +1,7 @@
 //! L7: what physics is missing in a simulation, from recordings (diagnosis contract, schema 1).
 //!
 //! # The walk
-//! 1. [`pipeline`]: the base fit ([`base_fit`]), outliers left out, the noise that it leaves ([`likelihood`]).
+//! 1. [`pipeline`]: the base fit ([`base_model`], [`base_fit`]), outliers left out, the noise that it leaves ([`likelihood`]).
 //! 2. [`search`], [`stepwise`]: forward selection. In a [`round`] every candidate of the [`library`] ([`candidates`],
 //!    [`initial_guesses`]) is scored by what one linear step promises ([`screen`], [`score_test`]); the best are fitted in full,
 //!    jointly with all base parameters.
@@ -14,6 +14,23 @@
 //!    refuted where it was not fitted ([`held_out`]), is seen and not named.
 //! 6. [`validation`]: free runs on recordings that were never fitted; [`explain`]: [`answer_sets`], [`localise`], [`laws`], [`sentence`],
 //!    [`tables`], [`headline`]: the answer in numbers, curves and words.
+//!
+//! # The rooms
+//! In layers, each of which knows only those before it (`tests/architecture.rs`):
+//!
+//! | room | what it does |
+//! |---|---|
+//! | [`screen`] | makes the base linear and tests signals against what it leaves |
+//! | [`library`] | what may be missing, and what a fit with it led to |
+//! | [`robustness`] | measures what holds elsewhere, or beside what no recording tells; decides nothing |
+//! | [`judge`] | decides, by functions of fitted models and those measures |
+//! | [`search`] | finds models that fit better; decides nothing |
+//! | [`nameless`] | what no effect of the library says |
+//! | [`explain`] | the answer in sets, numbers and curves |
+//! | [`pipeline`] | the walk: from a case to its answer |
+//!
+//! In no room stand [`base_model`] and [`sentence`], which know none of them, [`supposed`] beside [`robustness`], [`input_checks`]
+//! beside [`explain`], and [`identification`], which is the walk of `compass identify`.
 //!
 //! # The rules
 //! All that decides is in [`judge`], its numbers in [`judge::numbers`]. In twice the natural logarithm of the likelihood:
