@@ -1,4 +1,4 @@
-//! The layer table: a room imports only lower layers, never sideways.
+//! The layer tables: a room imports only lower layers, never sideways. So do the rooms of the diagnosis among themselves.
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test")]
 
 use std::fs;
@@ -32,6 +32,24 @@ const LAYERS: &[(&str, u8)] = &[
     ("cli", 8),
 ];
 
+/// Rooms of the diagnosis, and its files that stand in none.
+const DIAGNOSE: &[(&str, u8)] = &[
+    ("screen", 0),
+    ("sentence", 0),
+    ("base_model", 0),
+    ("library", 1),
+    ("supposed", 2),
+    ("robustness", 2),
+    ("judge", 3),
+    ("search", 4),
+    ("nameless", 5),
+    ("explain", 6),
+    ("input_checks", 6),
+    ("identification", 7),
+    ("pipeline", 7),
+    ("input_tests", 8),
+];
+
 /// Rooms that share code with no other than these, whatever their layer: room, what it may import, why.
 const ALOOF: &[(&str, &[&str])] = &[
     // The exam may not use the equations, fits or rules that it examines.
@@ -46,7 +64,11 @@ fn may_import(room: &str, target: &str) -> bool {
 }
 
 fn layer(room: &str) -> u8 {
-    LAYERS.iter().find(|(name, _)| *name == room).unwrap_or_else(|| panic!("room `{room}` is not in the table")).1
+    layer_in(LAYERS, room)
+}
+
+fn layer_in(table: &[(&str, u8)], room: &str) -> u8 {
+    table.iter().find(|(name, _)| *name == room).unwrap_or_else(|| panic!("room `{room}` is not in the table")).1
 }
 
 fn sources(dir: &Path, out: &mut Vec<PathBuf>) {
@@ -62,12 +84,30 @@ fn sources(dir: &Path, out: &mut Vec<PathBuf>) {
 
 /// Rooms named after `crate::` anywhere in the code of a line (comments aside).
 fn targets(line: &str) -> Vec<String> {
+    let rooms = named_after("crate::", line).into_iter();
+    rooms.filter(|room| LAYERS.iter().any(|(name, _)| name == room)).collect()
+}
+
+/// Rooms of the diagnosis that are named in the code of a line, by the path from the top or by that from a file of it.
+fn targets_in_diagnose(line: &str) -> Vec<String> {
+    let from_top = named_after("crate::diagnose::", line);
+    let from_file = named_after("super::", line).into_iter();
+    from_top.into_iter().chain(from_file.filter(|room| DIAGNOSE.iter().any(|(name, _)| name == room))).collect()
+}
+
+/// The word after each `path` in the code of a line. Of a list in braces there is no word: it is empty.
+fn named_after(path: &str, line: &str) -> Vec<String> {
     let code = line.split("//").next().unwrap_or("");
-    code.match_indices("crate::")
+    code.match_indices(path)
         .filter(|(at, _)| !code[..*at].ends_with('$'))
-        .map(|(at, _)| code[at + 7..].chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect())
-        .filter(|room: &String| LAYERS.iter().any(|(name, _)| name == room))
+        .map(|(at, _)| code[at + path.len()..].chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect())
         .collect()
+}
+
+/// Room of a source below `root`: its folder there, or its own name.
+fn room_below(root: &Path, file: &Path) -> String {
+    let first = file.strip_prefix(root).unwrap().components().next().unwrap();
+    first.as_os_str().to_str().unwrap().trim_end_matches(".rs").to_owned()
 }
 
 #[test]
@@ -78,9 +118,8 @@ fn rooms_import_only_lower_layers() {
     let mut forbidden = Vec::new();
     for file in files {
         let inside = file.strip_prefix(&root).unwrap();
-        let first = inside.components().next().unwrap().as_os_str().to_str().unwrap();
-        let room = first.trim_end_matches(".rs");
-        if matches!(room, "lib" | "main") {
+        let room = &room_below(&root, &file);
+        if matches!(room.as_str(), "lib" | "main") {
             continue;
         }
         let text = fs::read_to_string(&file).unwrap();
@@ -93,4 +132,48 @@ fn rooms_import_only_lower_layers() {
         }
     }
     assert!(forbidden.is_empty(), "forbidden imports:\n{}", forbidden.join("\n"));
+}
+
+#[test]
+fn rooms_of_the_diagnosis_import_only_lower_layers() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/diagnose");
+    let mut files = Vec::new();
+    sources(&root, &mut files);
+    let mut forbidden = Vec::new();
+    for file in files {
+        let room = room_below(&root, &file);
+        if room == "mod" {
+            continue;
+        }
+        let (text, own) = (fs::read_to_string(&file).unwrap(), layer_in(DIAGNOSE, &room));
+        for (number, line) in text.lines().enumerate() {
+            for target in targets_in_diagnose(line).into_iter().filter(|target| *target != room) {
+                let place = format!("{}:{}", file.strip_prefix(&root).unwrap().display(), number + 1);
+                assert!(!target.is_empty(), "{place}: one room a line, not a list of them");
+                if layer_in(DIAGNOSE, &target) >= own {
+                    forbidden.push(format!("{place}: {room} -> {target}"));
+                }
+            }
+        }
+    }
+    assert!(forbidden.is_empty(), "forbidden imports:\n{}", forbidden.join("\n"));
+}
+
+#[test]
+fn only_the_judge_says_what_is_rejected() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/diagnose");
+    let mut files = Vec::new();
+    sources(&root, &mut files);
+    let others = files.into_iter().filter(|file| room_below(&root, file) != "judge");
+    let says = |file: &PathBuf| fs::read_to_string(file).unwrap().contains("Rejected {");
+    let who: Vec<PathBuf> = others.filter(says).collect();
+    assert!(who.is_empty(), "{who:?}");
+}
+
+#[test]
+fn an_import_is_seen_in_whatever_way_it_is_written() {
+    assert_eq!(targets_in_diagnose("use crate::diagnose::judge::numbers::FORM;"), ["judge"]);
+    assert_eq!(targets_in_diagnose("    let x = super::super::search::round::round();"), ["search"]);
+    assert_eq!(targets_in_diagnose("use crate::diagnose::{judge, search};"), [""]);
+    assert!(targets_in_diagnose("use super::criterion::Context; // crate::diagnose::search").is_empty());
 }

@@ -2,9 +2,9 @@
 //!
 //! Nothing is added to the model. RT: no.
 
-use crate::diagnose::explain::tables::{estimates, undetermined_combinations};
+use crate::diagnose::base_model::{DiagnoseError, again, ready, runaway, warnings};
 use crate::diagnose::input_checks::{at_bounds, suspicions};
-use crate::diagnose::pipeline::{DiagnoseError, again, ready, runaway, warnings};
+use crate::diagnose::judge::estimates::{estimates, undetermined_combinations};
 use crate::diagnose::supposed::{Supposed, with_supposed};
 use crate::identify::base_fit::fitted;
 use crate::identify::experiment::Experiment;

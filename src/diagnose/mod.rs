@@ -1,7 +1,7 @@
 //! L7: what physics is missing in a simulation, from recordings (diagnosis contract, schema 1).
 //!
 //! # The walk
-//! 1. [`pipeline`]: the base fit ([`base_fit`]), outliers left out, the noise that it leaves ([`likelihood`]).
+//! 1. [`pipeline`]: the base fit ([`base_model`], [`base_fit`]), outliers left out, the noise that it leaves ([`likelihood`]).
 //! 2. [`search`], [`stepwise`]: forward selection. In a [`round`] every candidate of the [`library`] ([`candidates`],
 //!    [`initial_guesses`]) is scored by what one linear step promises ([`screen`], [`score_test`]); the best are fitted in full,
 //!    jointly with all base parameters.
@@ -14,6 +14,23 @@
 //!    refuted where it was not fitted ([`held_out`]), is seen and not named.
 //! 6. [`validation`]: free runs on recordings that were never fitted; [`explain`]: [`answer_sets`], [`localise`], [`laws`], [`sentence`],
 //!    [`tables`], [`headline`]: the answer in numbers, curves and words.
+//!
+//! # The rooms
+//! In layers, each of which knows only those before it (`tests/architecture.rs`):
+//!
+//! | room | what it does |
+//! |---|---|
+//! | [`screen`] | makes the base linear and tests signals against what it leaves |
+//! | [`library`] | what may be missing, and what a fit with it led to |
+//! | [`robustness`] | measures what holds elsewhere, or beside what no recording tells; decides nothing |
+//! | [`judge`] | decides, by functions of fitted models and those measures |
+//! | [`search`] | finds models that fit better; decides nothing |
+//! | [`nameless`] | what no effect of the library says |
+//! | [`explain`] | the answer in sets, numbers and curves |
+//! | [`pipeline`] | the walk: from a case to its answer |
+//!
+//! In no room stand [`base_model`] and [`sentence`], which know none of them, [`supposed`] beside [`robustness`], [`input_checks`]
+//! beside [`explain`], and [`identification`], which is the walk of `compass identify`.
 //!
 //! # The rules
 //! All that decides is in [`judge`], its numbers in [`judge::numbers`]. In twice the natural logarithm of the likelihood:
@@ -28,7 +45,7 @@
 //! | what stands beside it? | within two deviations, or within the error of form: 2 and 15 % as above, at most 60 | [`judge::credible_set`] |
 //! | nothing of the library? | a free force .25 ahead of all that was listed, that predicts; over time, only where recordings kept back do not bear out what was listed | [`judge::nameless`], [`residual_force`] |
 //! | or is it only late? | the same gain beside angles, rates, and forces that go with rates, that are all off by up to half a row, and touchdowns that take up to 10 ms | [`judge::accept`], [`instants`], [`touchdowns`] |
-//! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back; an event in its own, cut into windows that show it, where it leaves at most .25 of the squares above noise; a force without a name whatever it promises | [`judge::verdict`], [`held_out`] |
+//! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back; an event in its own, cut into windows that show it, where it leaves at most .25 of the squares above noise; a force without a name whatever it promises | [`judge::confirmation`], [`held_out`] |
 //! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
 //!
 //! Beside these rules stands one evidence, [`judge::evidence`]: a likelihood whose form is not exact, less what its numbers and the
@@ -76,15 +93,17 @@
 //! [`round`]: search::round
 //! [`runners_up`]: search::runners_up
 //! [`score_test`]: screen::score_test
-//! [`sentence`]: explain::sentence
 //! [`stepwise`]: search::stepwise
 //! [`tables`]: explain::tables
 //! [`touchdowns`]: robustness::touchdowns
 //! [`validation`]: crate::identify::validation
 
+pub mod base_model;
 pub mod explain;
 pub mod identification;
 pub mod input_checks;
+#[cfg(test)]
+mod input_tests;
 pub mod judge;
 pub mod library;
 pub mod nameless;
@@ -92,4 +111,5 @@ pub mod pipeline;
 pub mod robustness;
 pub mod screen;
 pub mod search;
+pub mod sentence;
 pub mod supposed;

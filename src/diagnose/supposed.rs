@@ -2,12 +2,12 @@
 //!
 //! RT: no.
 
+use crate::diagnose::library::candidate_fit::with_effect;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::library::initial_guesses::candidates;
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::scales::scales;
 use crate::diagnose::screen::score_test::ScoreTest;
-use crate::diagnose::search::candidate_fit::with_effect;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::white;

@@ -14,6 +14,7 @@ use crate::identify::fit::{FreeRuns, Point, Series, present};
 use crate::identify::noise::{Colour, loss_bend, weight};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Blocks over all windows: enough to see their scatter to a third, long enough to hold what correlates.
 const BLOCKS: usize = 24;
@@ -237,6 +238,12 @@ fn scattered(information: &DMatrix<f64>, scores: &[DVector<f64>]) -> DMatrix<f64
     let back = |k: usize| unit.eigenvectors.column(k).component_mul(&root) * libm::sqrt(unit.eigenvalues[k]);
     let from = DMatrix::from_columns(&seen.iter().map(|k| back(*k)).collect::<Vec<_>>()) * along.eigenvectors;
     &from * DMatrix::from_diagonal(&inverse) * from.transpose()
+}
+
+/// How many standard deviations a two-sided band of 95 % spans on each side.
+#[must_use]
+pub fn band_95() -> f64 {
+    Normal::standard().inverse_cdf(0.975)
 }
 
 #[cfg(test)]

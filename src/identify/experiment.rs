@@ -247,6 +247,20 @@ impl Recording {
         self.fresh.binary_search(&row).is_ok()
     }
 
+    /// Rows that another one of their stretch follows, with the time to that, s.
+    pub fn row_times_s(&self) -> impl Iterator<Item = (usize, f64)> {
+        let within = (1..self.len()).filter(|row| !self.is_fresh(*row));
+        within.map(|row| (row - 1, self.times[row] - self.times[row - 1]))
+    }
+
+    /// The usual time from row to row, s: the median. `None` where no row follows another.
+    #[must_use]
+    pub fn usual_row_s(&self) -> Option<f64> {
+        let mut steps: Vec<f64> = self.row_times_s().map(|(_, step)| step).collect();
+        steps.sort_unstable_by(f64::total_cmp);
+        steps.get(steps.len() / 2).copied()
+    }
+
     /// The stretch that `row` belongs to begins with this row.
     #[must_use]
     pub fn begin_of_stretch(&self, row: usize) -> usize {

@@ -231,6 +231,11 @@ pub struct Law {
     pub high: Vec<f64>,
 }
 
+impl Law {
+    /// Points of a curve: even, so that no point lies on the jump of dry friction at rest.
+    pub const POINTS: usize = 120;
+}
+
 /// One line of the ranking of candidates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ranked {

@@ -2,12 +2,13 @@
 //!
 //! RT: no.
 
-use crate::diagnose::explain::sentence;
-use crate::diagnose::explain::tables::{estimates, step_s};
+use crate::diagnose::explain::tables::step_s;
 use crate::diagnose::judge::credible_set::weight_in_set;
-use crate::diagnose::judge::criterion::{Context, detection_threshold};
-use crate::diagnose::judge::verdict::{Estimate, Member, Missing, Rejected};
-use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::estimates::estimates;
+use crate::diagnose::judge::verdict::{Estimate, Member, Missing};
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::sentence;
 use crate::identify::fitted_model::FittedModel;
 use crate::model::resonance::resonance_hz;
 use crate::model::rig::{Rig, Scope, Slot};
@@ -97,49 +98,4 @@ fn twins(of: &Member) -> Vec<Member> {
         "friction_asymmetry" => vec![turned("torque_offset", "torque", "difference")],
         _ => Vec::new(),
     }
-}
-
-/// What was fitted and is not the answer, with the number that says so.
-#[must_use]
-pub fn rejected(
-    missing: &[Missing],
-    added: &[SelectedEffect],
-    last: &[CandidateFit],
-    context: &Context,
-) -> Vec<Rejected> {
-    let mut out: Vec<Rejected> = Vec::new();
-    let mut push = |trial: &CandidateFit, why: String| {
-        let named = missing.iter().flat_map(|m| &m.one_of);
-        let taken = named.into_iter().any(|m| m.effect == trial.candidate.effect && m.at == trial.candidate.at);
-        let listed = out.iter().any(|r| r.effect == trial.candidate.effect && r.at == trial.candidate.at);
-        if !taken && !listed {
-            out.push(Rejected { effect: trial.candidate.effect.into(), at: trial.candidate.at.clone(), why });
-        }
-    };
-    for a in added {
-        for trial in a.others.iter().take(8) {
-            let behind = a.gain - trial.gain;
-            push(
-                trial,
-                format!(
-                    "fitted in place of {} it is {behind:.0} behind in twice the log-likelihood",
-                    a.candidate.effect
-                ),
-            );
-        }
-    }
-    for trial in last.iter().take(8) {
-        let least = detection_threshold(context, trial.candidate.keys.len());
-        let gain = format!("gains {:.0} in twice the log-likelihood", trial.gain.max(0.0));
-        let counts = trial.gain > least;
-        push(
-            trial,
-            if counts {
-                format!("{gain}, but did not stand the tests that follow: diagnose -v tells which")
-            } else {
-                format!("{gain}; {least:.0} is the least that counts")
-            },
-        );
-    }
-    out
 }

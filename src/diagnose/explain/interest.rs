@@ -5,16 +5,16 @@
 //! RT: no.
 
 use crate::diagnose::explain::answer_sets::member;
-use crate::diagnose::explain::sentence;
 use crate::diagnose::judge::accept::{is_admissible, strength_is_undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
-use crate::diagnose::judge::numbers::GREATER_PART;
+use crate::diagnose::judge::numbers::{GREATER_PART, TOUCHDOWN_S};
 use crate::diagnose::judge::verdict::{Member, Seen, is_material};
+use crate::diagnose::library::candidate_fit::{CandidateFit, REFIT, SelectedEffect, refit_without};
 use crate::diagnose::nameless::residual_force::Unlisted;
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::robustness::instants::gain_beside_instants;
-use crate::diagnose::search::candidate_fit::{CandidateFit, REFIT, SelectedEffect, refit_without};
+use crate::diagnose::sentence;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::white;
 use std::collections::BTreeMap;
@@ -53,7 +53,8 @@ const WITHIN_ITS_ROW: &str = "commands, readings and forces that go with rates a
 pub fn within_its_row(base: &FittedModel, last: &[CandidateFit], context: &Context) -> Option<Seen> {
     let CandidateFit { candidate, hypothesis, gain } = last.first()?;
     let least = detection_threshold(context, candidate.keys.len());
-    let beside = || gain_beside_instants(base, hypothesis, (*gain, least), candidate.only.as_deref());
+    let only = candidate.only.as_deref();
+    let beside = || gain_beside_instants(base, hypothesis, (*gain, least), only, TOUCHDOWN_S);
     if *gain <= least || beside() > least {
         return None;
     }
@@ -127,13 +128,19 @@ impl Kept {
             let (candidate, without) = (&self.added[effect].candidate, self.without(effect, base, context)?);
             let numbers = candidate.keys.len();
             let gain = compare(&self.found, &without, context).total;
-            let told = Confirmation::of_candidate(candidate, &self.found, &without, context);
+            let told = Confirmation::of_candidate(
+                candidate,
+                &self.found,
+                &without,
+                context.held_out.as_deref(),
+                &context.floors,
+            );
             if let Some(told) = told.filter(|told| told.refutes(numbers, context)) {
                 return Some(Refuted { effect, gained: told.gained, without, why: REFUTED });
             }
             let least = detection_threshold(context, numbers);
             let only = candidate.only.as_deref();
-            let beside = gain_beside_instants(&without, &self.found, (gain, least), only);
+            let beside = gain_beside_instants(&without, &self.found, (gain, least), only, TOUCHDOWN_S);
             let why = if gain > least { WITHIN_ITS_ROW } else { CHANCE };
             (beside <= least).then_some(Refuted { effect, gained: beside, without, why })
         };
@@ -182,7 +189,7 @@ impl Kept {
         if self.added.len() == 1 {
             return Some(base.clone());
         }
-        let beside = refit_without(&self.found, context.given + i, context);
+        let beside = refit_without(&self.found, context.given + i, &context.floors);
         let from_base = self.refit_from_base(i, base, context);
         let total = |h: &FittedModel| -> f64 { h.blocks(&self.found.noise).iter().sum() };
         beside.into_iter().chain(from_base).max_by(|a, b| total(a).total_cmp(&total(b)))
@@ -221,8 +228,8 @@ impl Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::worked::{Shown, shown};
     use crate::diagnose::robustness::held_out::HeldOut;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
     use crate::identify::experiment::{Experiment, Recording};
     use crate::model::rig::Use;
     use std::sync::Arc;
@@ -240,7 +247,7 @@ mod tests {
     #[test]
     fn an_effect_that_removes_less_than_asked_is_seen_and_not_named() {
         let Shown { context, problem } = shown(&format!("{DRAG}0.0004\n"));
-        let (base, found) = (problem.fitted("", 20, &context), problem.fitted(&free(DRAG, 0.001, 0.1), 20, &context));
+        let (base, found) = (problem.fitted("", 20), problem.fitted(&free(DRAG, 0.001, 0.1), 20));
         let share = explained_part(&base, &found, &context);
         assert!((0.02..0.98).contains(&share), "{share}");
         let of_interest = |least: f64| {
@@ -259,8 +266,8 @@ mod tests {
     /// A lag of 20 ms, for which an offset of nothing was taken.
     fn without_undetermined(rivals: bool) -> Kept {
         let Shown { context, problem } = shown(&format!("{LAG}0.02\n"));
-        let (base, found) = (problem.fitted("", 20, &context), problem.fitted(&free(OFFSET, 0.001, 1.0), 20, &context));
-        let lag = problem.trial("actuator_lag", "u", &free(LAG, 0.002, 0.2), 25, 900.0, &context);
+        let (base, found) = (problem.fitted("", 20), problem.fitted(&free(OFFSET, 0.001, 1.0), 20));
+        let lag = problem.trial("actuator_lag", "u", &free(LAG, 0.002, 0.2), 25, 900.0);
         let others = if rivals { vec![lag] } else { Vec::new() };
         let added = problem.added("torque_offset", "q1", 1000.0, others);
         Kept::all(found, vec![added]).without_undetermined(&base, &context)
@@ -282,8 +289,8 @@ mod tests {
     /// A pendulum with `hidden` drag, for which `DRAG` of .004 was taken; the same samples as a recording that was kept back.
     fn asked_elsewhere(hidden: &str) -> Kept {
         let Shown { context, problem } = shown(hidden);
-        let base = problem.fitted("", 20, &context);
-        let found = problem.fitted(&format!("{DRAG}0.004\n"), 20, &context);
+        let base = problem.fitted("", 20);
+        let found = problem.fitted(&format!("{DRAG}0.004\n"), 20);
         let kept_back = Recording { usage: Use::Heldout, ..found.problem.recordings[0].clone() };
         let experiment = Experiment { rig: base.rig.clone(), recordings: vec![kept_back] };
         let added = problem.added("quadratic_drag", "q1", 1000.0, Vec::new());
@@ -303,8 +310,8 @@ mod tests {
     fn a_delay_within_half_a_row_is_seen_where_nothing_was_added_and_a_longer_one_is_no_matter_of_instants() {
         let told = |delay_s: f64| {
             let Shown { context, problem } = shown(&format!("{DELAY}{delay_s}\n"));
-            let base = problem.fitted("", 20, &context);
-            let mut trial = problem.trial("sensor_delay", "y", &free(DELAY, 0.002, 0.2), 25, 0.0, &context);
+            let base = problem.fitted("", 20);
+            let mut trial = problem.trial("sensor_delay", "y", &free(DELAY, 0.002, 0.2), 25, 0.0);
             trial.gain = compare(&trial.hypothesis, &base, &context).total;
             within_its_row(&base, &[trial], &context)
         };

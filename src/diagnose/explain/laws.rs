@@ -6,20 +6,11 @@
 use crate::diagnose::explain::narrow::slopes;
 use crate::diagnose::judge::verdict::{Law, Trace};
 use crate::diagnose::screen::score_test::pseudo_inverse;
+use crate::identify::covariance::band_95;
 use crate::identify::fitted_model::FittedModel;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Rig};
 use nalgebra::DVector;
-use statrs::distribution::{ContinuousCDF, Normal};
-
-/// Points of a curve: even, so that no point lies on the jump of dry friction at rest.
-pub const POINTS: usize = 120;
-
-/// How many standard deviations a two-sided band of 95 % spans on each side.
-#[must_use]
-pub fn band_95() -> f64 {
-    Normal::standard().inverse_cdf(0.975)
-}
 
 /// What a curve is drawn over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,7 +54,7 @@ pub fn found(explained: &FittedModel, first: usize, traces: &[Trace]) -> Vec<Law
 
 fn curve(of: &FittedModel, form: Form, at: &str, traces: &[Trace]) -> Option<Law> {
     let (low, high) = range(of, form, at, traces)?;
-    let x: Vec<f64> = (0..POINTS).map(|i| low + (high - low) * i as f64 / (POINTS - 1) as f64).collect();
+    let x: Vec<f64> = (0..Law::POINTS).map(|i| low + (high - low) * i as f64 / (Law::POINTS - 1) as f64).collect();
     let y: Vec<f64> = x.iter().map(|x| value(&of.rig, form, at, *x)).collect();
     let reach: Vec<f64> = deviations(of, form, at, &x).iter().map(|s| band_95() * s).collect();
     let (title, x_label, y_label) = labels(form, at);
@@ -167,11 +158,6 @@ fn by_parameter(of: &FittedModel, form: Form, at: &str, (i, x): (usize, &[f64]))
 mod tests {
     use super::*;
     use crate::model::rig::Value;
-
-    #[test]
-    fn a_band_of_95_percent_spans_1_96_deviations() {
-        assert!((band_95() - 1.959_964).abs() < 1e-6);
-    }
 
     #[test]
     fn stribeck_friction_falls_with_the_rate_and_turns_with_its_sign() {

@@ -1,4 +1,4 @@
-//! The answer in sets, numbers, curves and words.
+//! The answer in sets, numbers and curves; the words for it are in [`sentence`](crate::diagnose::sentence).
 //!
 //! RT: no.
 
@@ -8,5 +8,4 @@ pub mod interest;
 pub mod laws;
 pub mod localise;
 pub mod narrow;
-pub mod sentence;
 pub mod tables;

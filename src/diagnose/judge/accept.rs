@@ -3,16 +3,16 @@
 //!
 //! RT: no.
 
+use super::continuity::is_externally_driven;
 use super::criterion::{Context, compare, detection_threshold};
+use super::estimates::estimates;
 use super::evidence::{Comparison, Evidence};
 use super::flexibility::is_overly_flexible;
-use super::numbers::{DEVIATIONS, FORM, GREATER_PART, LEAST_SHARE, QUARTER, ROUGH_FORM};
-use crate::diagnose::explain::tables::estimates;
+use super::numbers::{DEVIATIONS, FORM, GREATER_PART, LEAST_SHARE, QUARTER, ROUGH_FORM, TOUCHDOWN_S};
+use crate::diagnose::library::candidate_fit::CandidateFit;
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::robustness::instants::gain_beside_instants;
-use crate::diagnose::robustness::state_continuity::is_externally_driven;
-use crate::diagnose::search::candidate_fit::CandidateFit;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{Difference, is_misfit};
 use crate::model::effect::{EffectKind, Key, Role};
@@ -116,7 +116,8 @@ fn obeys_the_rules(
     }
     let effect = trial.candidate.effect;
     let threshold = detection_threshold(context, trial.candidate.keys.len());
-    let beside = gain_beside_instants(now, &trial.hypothesis, (trial.gain, threshold), trial.candidate.only.as_deref());
+    let only = trial.candidate.only.as_deref();
+    let beside = gain_beside_instants(now, &trial.hypothesis, (trial.gain, threshold), only, TOUCHDOWN_S);
     said(&format!("   {effect} gains {:.0}, {beside:.0} beside instants that are known to a row", trial.gain));
     if beside <= threshold {
         return false;
@@ -130,7 +131,9 @@ fn obeys_the_rules(
     }
     // What lasts is asked in company, at the end: while another effect is missing the first bends to the recordings it is fitted to.
     let event = trial.candidate.only.as_ref();
-    let told = event.and_then(|_| Confirmation::of_candidate(&trial.candidate, &trial.hypothesis, now, context));
+    let (held_out, floors) = (context.held_out.as_deref(), &context.floors);
+    let of_event = || Confirmation::of_candidate(&trial.candidate, &trial.hypothesis, now, held_out, floors);
+    let told = event.and_then(|_| of_event());
     if let Some(told) = told {
         said(&format!("   {effect}, in its recording cut elsewhere: {told}"));
         if told.refutes(trial.candidate.keys.len(), context) {
@@ -143,7 +146,7 @@ fn obeys_the_rules(
         return true;
     }
     // What few recordings say of one another, when one is left out, is less than what those say that no fit saw.
-    let told = Confirmation::on_kept_back(&trial.hypothesis, now, context);
+    let told = Confirmation::on_kept_back(&trial.hypothesis, now, held_out, floors);
     told.is_some_and(|told| {
         said(&format!("   {effect}, on recordings kept back: {told}"));
         told.bears_out(context)

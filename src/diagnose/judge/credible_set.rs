@@ -7,8 +7,8 @@ use super::criterion::{Context, compare};
 use super::evidence::{Comparison, Evidence};
 use super::numbers::{CLEAR_LEAD, DEVIATIONS, FORM, GREATER_PART, LEAST_GAIN, NEARLY_ALL, ROUGH_FORM};
 use super::simplicity::LIMITS_OF;
+use crate::diagnose::library::candidate_fit::CandidateFit;
 use crate::diagnose::robustness::held_out::Confirmation;
-use crate::diagnose::search::candidate_fit::CandidateFit;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{Difference, is_misfit};
 use crate::model::rig::Effect;
@@ -49,7 +49,8 @@ pub fn weight_in_set(
             evidence,
         });
     }
-    let told = || Confirmation::of_candidate(&trial.candidate, winner, &trial.hypothesis, context);
+    let (held_out, floors) = (context.held_out.as_deref(), &context.floors);
+    let told = || Confirmation::of_candidate(&trial.candidate, winner, &trial.hypothesis, held_out, floors);
     let is_behind_elsewhere = is_member && told().is_some_and(|told| told.bears_out(context));
     (is_member && !is_behind_elsewhere).then(|| weight(lead, gain))
 }

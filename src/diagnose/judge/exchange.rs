@@ -7,8 +7,8 @@ use super::criterion::{Context, compare, detection_threshold};
 use super::evidence::{Comparison, Evidence};
 use super::numbers::{CLEAR_LEAD, GREATER_PART, NEARLY_ALL};
 use super::simplicity::LIMITS_OF;
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::library::candidates::Candidate;
-use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::Difference;
 

@@ -4,8 +4,8 @@
 
 use super::criterion::Context;
 use super::numbers::GREATER_PART;
+use crate::diagnose::library::candidate_fit::CandidateFit;
 use crate::diagnose::library::candidates::Candidate;
-use crate::diagnose::search::candidate_fit::CandidateFit;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::is_misfit;
 use crate::model::effect::EffectKind;

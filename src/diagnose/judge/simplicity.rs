@@ -4,7 +4,7 @@
 
 use super::criterion::{Context, detection_threshold};
 use super::numbers::NEARLY_ALL;
-use crate::diagnose::search::candidate_fit::CandidateFit;
+use crate::diagnose::library::candidate_fit::CandidateFit;
 use crate::identify::likelihood::is_misfit;
 
 /// An effect that is the limit of another: the other, with one number more, must gain clearly more to be is_accepted.

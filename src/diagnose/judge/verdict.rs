@@ -8,7 +8,7 @@ pub use crate::report::findings::{
 };
 
 use super::criterion::{Context, detection_threshold};
-use super::numbers::{NEARLY_ALL, QUARTER};
+use super::numbers::NEARLY_ALL;
 use crate::identify::likelihood::Difference;
 
 /// True if the numbers of the rig as given had to be fitted again; `gain`: of the re-fit with so many numbers.
@@ -21,33 +21,6 @@ pub fn refit_is_needed(gain: Difference, numbers: usize, context: &Context) -> b
 #[must_use]
 pub fn is_material(share: f64, least: f64) -> bool {
     share >= least
-}
-
-/// True if of the fall of squares that a change of predictions would be, were it the truth, so much is so that it may be.
-#[must_use]
-pub fn is_kept(promised: f64, gained: f64) -> bool {
-    gained > 0.0 && gained >= QUARTER * promised
-}
-
-/// True if recordings that were not fitted speak against an effect of so many numbers: it changes what is predicted there by more
-/// than chance, `promised`, and of the fall of squares that this change would be, were it the truth, it keeps less than [`QUARTER`],
-/// as it must where fitted recordings are left out in turn. What changes nothing there is not asked.
-#[must_use]
-pub fn is_refuted(promised: f64, gained: f64, numbers: usize, context: &Context) -> bool {
-    promised > detection_threshold(context, numbers) && !is_kept(promised, gained)
-}
-
-/// True if an event is the explanation where it acts: of the squares above noise it leaves little there.
-#[must_use]
-pub fn is_removed_where_it_acts(left: f64) -> bool {
-    left <= QUARTER
-}
-
-/// True if recordings that were not fitted speak for one model against another: the change between them is more than chance, and
-/// [`QUARTER`] of it is so.
-#[must_use]
-pub fn is_borne_out(promised: f64, gained: f64, context: &Context) -> bool {
-    promised > detection_threshold(context, 0) && is_kept(promised, gained)
 }
 
 /// True if a search that ended early may have missed something, by the part of the misfit that it explained.
@@ -75,7 +48,6 @@ pub fn verdict_of(missing: &[Missing], refit_needed: bool) -> Verdict {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::judge::evidence::Ledger;
     use std::collections::BTreeMap;
 
     fn entry(effects: &[&str]) -> Missing {
@@ -91,15 +63,6 @@ mod tests {
         assert_eq!(verdict_of(&[entry(&["backlash"])], true), Verdict::Explained);
         assert_eq!(verdict_of(&[entry(&["backlash", "presliding"])], true), Verdict::Ambiguous);
         assert_eq!(verdict_of(&[entry(&["backlash"]), entry(&["unlisted"])], true), Verdict::Unlisted);
-    }
-
-    #[test]
-    fn an_effect_is_refuted_where_it_changes_much_and_little_of_that_is_so() {
-        let (floors, ledger) = (vec![1e-3], Ledger::default());
-        let context = Context { floors, samples: 1000, given: 0, is_trapped: false, seed: 1, ledger, held_out: None };
-        assert!(is_refuted(200.0, 20.0, 1, &context) && is_refuted(200.0, -150.0, 1, &context));
-        assert!(!is_refuted(200.0, 180.0, 1, &context), "the truth keeps all of it");
-        assert!(!is_refuted(60.0, -60.0, 1, &context), "what hardly acts there is not asked");
     }
 
     #[test]

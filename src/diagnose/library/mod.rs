@@ -1,6 +1,8 @@
-//! Every effect that may be missing: its places, bounds and starts.
+//! Every effect that may be missing: its places, bounds and starts, and what a fit of it led to.
 //!
 //! RT: no.
 
+pub mod candidate_fit;
 pub mod candidates;
 pub mod initial_guesses;
+pub(crate) mod worked;

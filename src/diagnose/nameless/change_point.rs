@@ -5,8 +5,8 @@
 //! base is fitted to what was before and to what is after, each with numbers of its own.
 //! RT: no.
 
-use crate::diagnose::explain::tables::estimates;
 use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::estimates::estimates;
 use crate::diagnose::judge::exchange::is_clear;
 use crate::diagnose::judge::nameless::change_is_ahead;
 use crate::diagnose::judge::numbers::DEVIATIONS;
@@ -117,8 +117,8 @@ impl ChangePoint {
         let both = |before: Option<FittedModel>, after: Option<FittedModel>| Some(together(&before?, &after?));
         let Some(with) = both(own(&self.before), own(&self.after)) else { return false };
         let Some(without) = both(base_in(&self.before), base_in(&self.after)) else { return true };
-        Confirmation::of_event(&with, &without, &quiet_noise(&self.before, |r| r.name == *name, context), context)
-            .holds()
+        let noise = quiet_noise(&self.before, |r| r.name == *name, &context.floors);
+        Confirmation::of_event(&with, &without, &noise, &context.floors).holds()
     }
 
     /// True if it leaves but noise and is clearly ahead of `found`, its numbers paid for.

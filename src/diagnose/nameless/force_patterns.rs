@@ -2,12 +2,12 @@
 //!
 //! RT: no.
 
-use crate::diagnose::explain::laws::band_95;
 use crate::diagnose::judge::nameless::beyond_chance;
 use crate::diagnose::judge::verdict::{Law, Place};
 use crate::diagnose::screen::ltv::LtvWindow;
 use crate::diagnose::screen::scan::{Curve, Over, state_curve, time_curve, vibration, vibration_columns};
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
+use crate::identify::covariance::band_95;
 use crate::identify::fitted_model::FittedModel;
 use crate::model::rig::Rig;
 

@@ -6,12 +6,12 @@
 //! leaves noise where they leave misfit.
 //! RT: no.
 
-use crate::diagnose::explain::laws::{POINTS, band_95};
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::nameless::curve_is_ahead;
 use crate::diagnose::judge::verdict::Law;
 use crate::diagnose::screen::ltv::LtvWindow;
 use crate::diagnose::screen::score_test::pseudo_inverse;
+use crate::identify::covariance::band_95;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{is_misfit, white};
@@ -82,7 +82,7 @@ impl FreeCurve {
         let name = of.rig.mechanism.coordinates()[self.joint];
         let covariance = pseudo_inverse(&of.information, 1e-12);
         let (low, high) = self.travel;
-        let x: Vec<f64> = (0..POINTS).map(|i| low + (high - low) * i as f64 / (POINTS - 1) as f64).collect();
+        let x: Vec<f64> = (0..Law::POINTS).map(|i| low + (high - low) * i as f64 / (Law::POINTS - 1) as f64).collect();
         let waves = &of.rig.effects[self.first..];
         let shape = |e: &Effect, x: f64| libm::sin(e.values[1].value * x + e.values[2].value);
         let y: Vec<f64> = x.iter().map(|x| waves.iter().map(|e| e.values[0].value * shape(e, *x)).sum()).collect();

@@ -37,7 +37,7 @@ impl<'f> Elsewhere<'f> {
             return true;
         }
         let told = if let Some(event) = event {
-            let quiet = quiet_noise(of, |r| r.name == event, context);
+            let quiet = quiet_noise(of, |r| r.name == event, floors);
             let runs = cut_elsewhere(of, |r| r.name == event, None, floors);
             runs.and_then(|runs| Some(Examiner::of(&runs, Some(&quiet), floors)?.asks(pattern)))
         } else {

@@ -2,9 +2,9 @@
 //!
 //! RT: no.
 
-use crate::diagnose::explain::sentence;
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::judge::nameless::{Excess, is_removed};
+use crate::diagnose::judge::numbers::TOUCHDOWN_S;
 use crate::diagnose::judge::verdict::{Law, Member, Missing, Place};
 use crate::diagnose::nameless::change_point::ChangePoint;
 use crate::diagnose::nameless::force_patterns::{Pattern, law, located, patterns, share};
@@ -14,6 +14,7 @@ use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::robustness::instants::FreeInstants;
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::score_test::ScoreTest;
+use crate::diagnose::sentence;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::is_misfit;
 use crate::identify::noise::{Colour, loss};
@@ -193,7 +194,8 @@ fn refutes_curve(curve: &FreeCurve, base: &FittedModel, context: &Context, said:
 /// True if recordings that no fit saw speak for the listed effects: a force over time, which explains anything where it was
 /// fitted and predicts nothing, does not stand in their place.
 fn bear_out(found: &FittedModel, base: &FittedModel, context: &Context, said: &mut dyn FnMut(&str)) -> bool {
-    let Some(told) = Confirmation::on_kept_back(found, base, context) else { return false };
+    let held_out = context.held_out.as_deref();
+    let Some(told) = Confirmation::on_kept_back(found, base, held_out, &context.floors) else { return false };
     said(&format!("   the listed effects on recordings kept back: {told}"));
     told.bears_out(context)
 }
@@ -237,7 +239,7 @@ impl Structure {
 /// The free forces that explain most of what `of` leaves.
 fn structure(of: &FittedModel, with_time: bool, context: &Context, said: &mut dyn FnMut(&str)) -> Option<Structure> {
     let windows = ltv_windows(of)?;
-    let (runs, point) = FreeInstants::around(of, &windows);
+    let (runs, point) = FreeInstants::around(of, &windows, TOUCHDOWN_S);
     let screen = ScoreTest::new(&runs, &point, &of.noise)?;
     let mut patterns = patterns(&of.rig, &screen, &windows);
     patterns.retain(|p| with_time || !p.is_over_time());
@@ -276,8 +278,8 @@ fn unlisted(of: &FittedModel, told: &Pattern, patterns: &[Pattern]) -> Unlisted 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::worked::{Shown, shown};
     use crate::diagnose::robustness::held_out::HeldOut;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
     use crate::identify::experiment::{Experiment, Recording};
     use crate::model::rig::Use;
     use std::sync::Arc;
@@ -287,7 +289,7 @@ mod tests {
     /// Whether the same samples, as a recording that was kept back, speak for drag where there is `hidden`.
     fn borne_out(hidden: &str) -> bool {
         let Shown { context, problem } = shown(hidden);
-        let (base, found) = (problem.fitted("", 20, &context), problem.fitted(DRAG, 20, &context));
+        let (base, found) = (problem.fitted("", 20), problem.fitted(DRAG, 20));
         let kept_back = Recording { usage: Use::Heldout, ..found.problem.recordings[0].clone() };
         let experiment = Experiment { rig: base.rig.clone(), recordings: vec![kept_back] };
         let told = |held_out| bear_out(&found, &base, &Context { held_out, ..context.clone() }, &mut |_| {});

@@ -7,8 +7,6 @@
 //! a window's start had taken over is no longer where it was.
 //! RT: no.
 
-use crate::diagnose::judge::criterion::Context;
-use crate::diagnose::judge::verdict::{is_borne_out, is_kept, is_refuted, is_removed_where_it_acts};
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
 use crate::identify::experiment::{Experiment, Recording};
@@ -136,7 +134,8 @@ fn started(problem: Problem, of: &FittedModel, floors: &[f64]) -> Option<FittedM
     FittedModel::at(problem, Point { states, ..at }, DMatrix::zeros(0, 0), floors)
 }
 
-/// What an effect does to predictions, in squares of the noise that the better of two models leaves.
+/// What an effect does to predictions, in squares of the noise that the better of two models leaves. What follows from it the judge
+/// says.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Confirmation {
     /// Squares of the change that it makes: by so much the error falls where the change is the truth, and rises where there is
@@ -163,28 +162,33 @@ impl Confirmation {
         candidate: &Candidate,
         with: &FittedModel,
         without: &FittedModel,
-        context: &Context,
+        held_out: Option<&HeldOut>,
+        floors: &[f64],
     ) -> Option<Self> {
-        let Some(only) = &candidate.only else { return Self::on_kept_back(with, without, context) };
+        let Some(only) = &candidate.only else { return Self::on_kept_back(with, without, held_out, floors) };
         let instant_s = instant_s(candidate, with, without);
-        let own =
-            |of: &FittedModel| Some(cut_elsewhere(of, |r| r.name == *only, instant_s, &context.floors)?.residuals);
+        let own = |of: &FittedModel| Some(cut_elsewhere(of, |r| r.name == *only, instant_s, floors)?.residuals);
         let (happened, not) = (own(with)?, own(without)?);
-        let noise = quiet_noise(with, |r| r.name == *only, context);
-        Some(Self::of_event(&happened, &not, &noise, context))
+        let noise = quiet_noise(with, |r| r.name == *only, floors);
+        Some(Self::of_event(&happened, &not, &noise, floors))
     }
 
     /// Of what `with` has and `without` has not, by the recordings that were kept back. `None` if there are none, or one of the two
     /// runs away there.
     #[must_use]
-    pub fn on_kept_back(with: &FittedModel, without: &FittedModel, context: &Context) -> Option<Self> {
-        let residuals = |of: &FittedModel| context.held_out.as_ref()?.residuals(&of.rig);
-        Some(Self::of(&residuals(with)?, &residuals(without)?, &context.floors))
+    pub fn on_kept_back(
+        with: &FittedModel,
+        without: &FittedModel,
+        held_out: Option<&HeldOut>,
+        floors: &[f64],
+    ) -> Option<Self> {
+        let residuals = |of: &FittedModel| held_out?.residuals(&of.rig);
+        Some(Self::of(&residuals(with)?, &residuals(without)?, floors))
     }
 
     /// Of an event, in the recording in which it happened. `noise`: where nothing happens.
     #[must_use]
-    pub fn of_event(with: &Residuals, without: &Residuals, noise: &[Colour], context: &Context) -> Self {
+    pub fn of_event(with: &Residuals, without: &Residuals, noise: &[Colour], floors: &[f64]) -> Self {
         // A window counts by what changes in it: what misfit one before the event has says nothing of the event.
         let windows = with.iter().map(Vec::len).max().unwrap_or(0);
         let (mut stays, mut was) = (0.0, 0.0);
@@ -197,25 +201,7 @@ impl Confirmation {
             stays += weight * above(&with, noise);
             was += weight * above(&without, noise);
         }
-        Self { left: part(stays, was), ..Self::of(with, without, &context.floors) }
-    }
-
-    /// True if it speaks for the one model against another of as many numbers.
-    #[must_use]
-    pub fn bears_out(&self, context: &Context) -> bool {
-        is_borne_out(self.promised, self.gained, context)
-    }
-
-    /// True if it speaks for a force that has no other claim than that it is seen.
-    #[must_use]
-    pub fn holds(&self) -> bool {
-        is_kept(self.promised, self.gained) && is_removed_where_it_acts(self.left)
-    }
-
-    /// True if it speaks against an effect of so many numbers.
-    #[must_use]
-    pub fn refutes(&self, numbers: usize, context: &Context) -> bool {
-        is_refuted(self.promised, self.gained, numbers, context) || !is_removed_where_it_acts(self.left)
+        Self { left: part(stays, was), ..Self::of(with, without, floors) }
     }
 
     /// Of the effect that the one model has and the other has not.
@@ -264,11 +250,11 @@ impl AdditionTest {
 
 /// Noise of each channel in the recordings in which nothing `happened`, or in all, if there is no other.
 #[must_use]
-pub fn quiet_noise(of: &FittedModel, happened: impl Fn(&Recording) -> bool, context: &Context) -> Vec<Colour> {
+pub fn quiet_noise(of: &FittedModel, happened: impl Fn(&Recording) -> bool, floors: &[f64]) -> Vec<Colour> {
     let is_quiet = |w: &usize| !happened(&of.problem.recordings[of.problem.windows[*w].0]);
     let quiet: Vec<usize> = (0..of.problem.windows.len()).filter(is_quiet).collect();
     let residuals = if quiet.is_empty() { &of.residuals } else { &of.on_windows(&quiet).residuals };
-    white(residuals, &context.floors)
+    white(residuals, floors)
 }
 
 /// Squares above noise.
@@ -300,7 +286,7 @@ fn part(with: f64, without: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::library::worked::hiding;
     use crate::identify::synthesis::{SHAKEN_PENDULUM, shaken_pendulum};
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = 0.004\n";
@@ -325,26 +311,6 @@ mod tests {
 
     const PUSH: &str = "[[effect]]\neffect = \"external_push\"\nat = \"q1\"\nimpulse = ";
 
-    /// What a push at .6 s of so much promises and gains in windows of 1 s that were not fitted, if `happened` is the truth.
-    fn push(happened: &str, so_much: f64) -> Confirmation {
-        let Shown { context, problem } = shown(happened);
-        let with = problem.fitted(&format!("{PUSH}{so_much}\ntime = 0.6\n"), 10, &context);
-        let without = problem.fitted("", 10, &context);
-        let candidate = Candidate { only: Some("a.csv".into()), ..problem.candidate("external_push", "q1") };
-        Confirmation::of_candidate(&candidate, &with, &without, &context).unwrap()
-    }
-
-    #[test]
-    fn a_push_holds_in_its_own_recording_cut_at_other_instants_if_it_happened() {
-        let context = shown("").context;
-        let happened = push(&format!("{PUSH}0.01\ntime = 0.6\n"), 0.01);
-        assert!(!happened.refutes(2, &context) && happened.left < 0.1, "{happened}");
-        let other = push(&format!("{PUSH}-0.01\ntime = 0.6\n"), 0.01);
-        assert!(other.refutes(2, &context), "the other way round: {other}");
-        let nothing = push("", 0.01);
-        assert!(nothing.refutes(2, &context), "{nothing}");
-    }
-
     #[test]
     fn windows_for_an_event_are_as_long_as_its_own_and_show_it_elsewhere() {
         let fitted = [0..100, 100..200, 200..300];
@@ -357,24 +323,23 @@ mod tests {
 
     #[test]
     fn of_two_pushes_the_one_is_asked_that_the_other_model_lacks() {
-        let Shown { context, problem } = shown("");
+        let problem = hiding("");
         let push = |at_s: f64| {
             format!("{PUSH}{{ value = 0.01, min = -1.0, max = 1.0 }}\ntime = {at_s}\nrecordings = [\"a.csv\"]\n")
         };
-        let with = problem.fitted(&(push(0.6) + &push(1.4)), 1, &context);
+        let with = problem.fitted(&(push(0.6) + &push(1.4)), 1);
         let candidate = Candidate { only: Some("a.csv".into()), ..problem.candidate("external_push", "q1") };
-        let asked = |kept: &str| instant_s(&candidate, &with, &problem.fitted(kept, 1, &context)).unwrap();
+        let asked = |kept: &str| instant_s(&candidate, &with, &problem.fitted(kept, 1)).unwrap();
         assert!((asked(&push(1.4)) - 0.6).abs() < 1e-9 && (asked(&push(0.6)) - 1.4).abs() < 1e-9);
         assert!((asked("") - 1.4).abs() < 1e-9, "the last that was added");
     }
 
     #[test]
     fn misfit_in_other_windows_says_nothing_of_an_event() {
-        let context = shown("").context;
         let window = |size: f64| -> Vec<f64> { (0..100).map(|k| size * libm::sin(f64::from(k))).collect() };
         let told = |before: f64| {
             let (with, without) = (vec![vec![window(before), window(0.1)]], vec![vec![window(before), window(30.0)]]);
-            Confirmation::of_event(&with, &without, &[Colour::white(1.0)], &context).left
+            Confirmation::of_event(&with, &without, &[Colour::white(1.0)], &[1e-5]).left
         };
         assert!(told(0.1) < 0.01 && told(30.0) < 0.01, "{} {}", told(0.1), told(30.0));
     }

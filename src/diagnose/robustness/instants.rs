@@ -8,11 +8,11 @@
 //! an effect must still count; else half a row that is late is called a clock, a lag, a push, a drag.
 //! RT: no.
 
+use crate::diagnose::library::candidate_fit::REFIT;
 use crate::diagnose::robustness::touchdowns::touchdown_changes;
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::ltv::{LtvWindow, STATES, StateRow};
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
-use crate::diagnose::search::candidate_fit::REFIT;
 use crate::identify::covariance::Change;
 use crate::identify::fit::{Bound, FreeRuns, Point, Series, fit};
 use crate::identify::fitted_model::FittedModel;
@@ -74,16 +74,19 @@ fn sum(mut all: Change, other: &Change) -> Change {
 
 /// By how much `richer` gains more than `plain` when the instants of both are free within their rows. `gain`: with instants as
 /// they are. `only`: the recording of an event, each window of which has instants of its own: what happens once is told from
-/// what is late once. Linear around both; what is more than `least` then is fitted, but for an event.
+/// what is late once. `touchdown_s`: how long a touchdown may take. Linear around both; what is more than `least` then is fitted, but
+/// for an event.
 #[must_use]
 pub fn gain_beside_instants(
     plain: &FittedModel,
     richer: &FittedModel,
     (gain, least): (f64, f64),
     only: Option<&str>,
+    touchdown_s: f64,
 ) -> f64 {
     let noise = &richer.noise;
-    let moved = [plain, richer].map(|of| (of, FreeInstants::around(of, &ltv_windows(of).unwrap_or_default())));
+    let free = |of| FreeInstants::around(of, &ltv_windows(of).unwrap_or_default(), touchdown_s);
+    let moved = [plain, richer].map(|of| (of, free(of)));
     let [of_plain, of_richer] = moved.each_ref().map(|(of, (free, _))| explained_by_instants(of, free, noise, only));
     let linear = gain - of_plain + of_richer;
     if linear <= least || only.is_some() {
@@ -137,15 +140,16 @@ pub struct FreeInstants<'p> {
 }
 
 impl<'p> FreeInstants<'p> {
-    /// Around the fit `of`, and where that stands. `tangent`: of `of`; empty if there is none.
+    /// Around the fit `of`, and where that stands. `tangent`: of `of`; empty if there is none. `touchdown_s`: how long a touchdown may
+    /// take.
     #[must_use]
-    pub fn around(of: &'p FittedModel, tangent: &[LtvWindow]) -> (Self, Point) {
+    pub fn around(of: &'p FittedModel, tangent: &[LtvWindow], touchdown_s: f64) -> (Self, Point) {
         let mut changes = readings_later(of);
         if !tangent.is_empty() {
             changes.push(rate_forces_later(tangent));
         }
         let within_a_row = changes.len();
-        changes.extend(touchdown_changes(of, tangent));
+        changes.extend(touchdown_changes(of, tangent, touchdown_s));
         let parameters = [&of.point.parameters[..], &vec![0.0; changes.len()]].concat();
         (Self { problem: &of.problem, changes, within_a_row }, Point { parameters, states: of.point.states.clone() })
     }
@@ -198,8 +202,8 @@ impl FreeRuns for FreeInstants<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::library::worked::hiding;
     use crate::diagnose::screen::ltv::tests::mass;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
     use crate::identify::experiment::Recording;
     use crate::identify::fit::Limits;
     use crate::identify::synthesis::record;
@@ -210,11 +214,11 @@ mod tests {
 
     /// What `effect` gains over the machine as given, alone and beside the instants; rows of 10 ms.
     fn gains(hidden: &str, effect: &str) -> (f64, f64) {
-        let Shown { context, problem } = shown(hidden);
-        let (plain, richer) = (problem.fitted("", 20, &context), problem.fitted(effect, 20, &context));
+        let problem = hiding(hidden);
+        let (plain, richer) = (problem.fitted("", 20), problem.fitted(effect, 20));
         let total = |h: &FittedModel| -> f64 { h.blocks(&richer.noise).iter().sum() };
         let gain = total(&richer) - total(&plain);
-        (gain, gain_beside_instants(&plain, &richer, (gain, 0.0), None))
+        (gain, gain_beside_instants(&plain, &richer, (gain, 0.0), None, 0.01))
     }
 
     #[test]
@@ -252,7 +256,7 @@ mod tests {
         let (plain, richer) = (fitted(""), fitted(&delays("{ value = 0.002, min = 0.0, max = 0.1 }")));
         let total = |h: &FittedModel| -> f64 { h.blocks(&richer.noise).iter().sum() };
         let gain = total(&richer) - total(&plain);
-        (gain, gain_beside_instants(&plain, &richer, (gain, 0.0), None))
+        (gain, gain_beside_instants(&plain, &richer, (gain, 0.0), None, 0.01))
     }
 
     #[test]

@@ -7,7 +7,6 @@
 //! filter slower than a window, removed 99 % of the misfit).
 //! RT: no.
 
-use crate::diagnose::judge::continuity::{is_continuous, is_shaken_from_elsewhere};
 use crate::identify::base_fit::known;
 use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit_states};
 use crate::identify::fitted_model::FittedModel;
@@ -46,12 +45,6 @@ pub fn gain_ratio_with_continuous_states(plain: &FittedModel, richer: &FittedMod
     (free > 0.0).then(|| left / free)
 }
 
-/// True if the inner states that `richer` adds to `plain`, if any, may go on from window to window.
-#[must_use]
-pub fn has_continuous_states(plain: &FittedModel, richer: &FittedModel, floors: &[f64]) -> bool {
-    is_continuous(gain_ratio_with_continuous_states(plain, richer, floors))
-}
-
 /// True if `richer` has inner states that `plain` has not.
 #[must_use]
 pub fn has_more_states(plain: &FittedModel, richer: &FittedModel) -> bool {
@@ -59,28 +52,39 @@ pub fn has_more_states(plain: &FittedModel, richer: &FittedModel) -> bool {
     count(richer) > count(plain)
 }
 
-/// True if effect `e` of `of` is a mode of a link that does not die away within a recording and owes most of what it explains
-/// to how it rings at the start: what sustains it is no motion of the link but something that shakes the machine.
-#[must_use]
-pub fn is_externally_driven(of: &FittedModel, e: usize, floors: &[f64]) -> bool {
-    let Some(effect) = of.rig.effects.get(e).filter(|e| e.kind == EffectKind::LinkFlexibility) else { return false };
-    let [Some(hz), Some(damping)] = ["frequency", "damping"].map(|key| effect.get(key)) else { return false };
-    if damping.value * TAU * hz.value * of.problem.longest_recording_s() > 1.0 {
-        return false;
+/// Likelihoods of a mode of a link: what it explains by how it rings, and by the motion of its link.
+#[derive(Clone, Copy, Debug)]
+pub struct Ringing {
+    /// As fitted.
+    pub as_fitted: f64,
+    /// At rest at the start of each recording: what its link drives.
+    pub from_rest: f64,
+    /// Without the mode.
+    pub without: f64,
+}
+
+impl Ringing {
+    /// Of effect `e` of `of`, its inner states going on from window to window. `None` if it is no mode of a link, dies away within a
+    /// recording, or cannot be run.
+    #[must_use]
+    pub fn of_mode(of: &FittedModel, e: usize, floors: &[f64]) -> Option<Self> {
+        let effect = of.rig.effects.get(e).filter(|e| e.kind == EffectKind::LinkFlexibility)?;
+        let [Some(hz), Some(damping)] = ["frequency", "damping"].map(|key| effect.get(key)) else { return None };
+        if damping.value * TAU * hz.value * of.problem.longest_recording_s() > 1.0 {
+            return None;
+        }
+        let noise = white(&of.residuals, floors);
+        let total =
+            |rig: &Rig, from_rest: bool| unbroken(of, rig, from_rest).map(|r| blocks(&r, &noise).iter().sum::<f64>());
+        let mut without = of.rig.clone();
+        let share = effect.kind.keys().iter().position(|key| key.name == "participation")?;
+        without.effects[e].values[share] = Value::known(0.0);
+        Some(Self {
+            as_fitted: total(&of.rig, false)?,
+            from_rest: total(&of.rig, true)?,
+            without: total(&without, true)?,
+        })
     }
-    let noise = white(&of.residuals, floors);
-    let total =
-        |rig: &Rig, from_rest: bool| unbroken(of, rig, from_rest).map(|r| blocks(&r, &noise).iter().sum::<f64>());
-    let mut without = of.rig.clone();
-    let share = effect.kind.keys().iter().position(|key| key.name == "participation");
-    let Some(share) = share else { return false };
-    without.effects[e].values[share] = Value::known(0.0);
-    let [Some(ringing), Some(driven), Some(none)] =
-        [total(&of.rig, false), total(&of.rig, true), total(&without, true)]
-    else {
-        return false;
-    };
-    is_shaken_from_elsewhere(ringing, driven, none)
 }
 
 /// The residuals of `of` with `rig`'s numbers held and inner states that go on from window to window: from the first
@@ -160,8 +164,9 @@ mod tests {
         assert!(again.len() == 100 && apart < 1e-5, "{apart}");
     }
 
-    /// A mode of 6 Hz that has hardly any damping, in two windows that follow each other; how it starts.
-    fn ringing(participation: f64, deflection: f64) -> bool {
+    /// Part of what a mode of 6 Hz explains that its link drives. It has hardly any damping, runs in two windows that follow each other,
+    /// and starts bent by `deflection`.
+    fn driven(participation: f64, deflection: f64) -> f64 {
         let rig = format!(
             "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
              [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n\
@@ -184,13 +189,15 @@ mod tests {
         let rms = |h: &FittedModel| h.residuals[0].concat().iter().map(|r| r * r).sum::<f64>();
         let best = exact.iter().min_by(|a, b| rms(a).total_cmp(&rms(b))).unwrap();
         assert!(rms(best) < 1e-12, "{}", rms(best));
-        is_externally_driven(best, 0, &floors)
+        let Ringing { as_fitted, from_rest, without } = Ringing::of_mode(best, 0, &floors).unwrap();
+        assert!(as_fitted > without);
+        (from_rest - without) / (as_fitted - without)
     }
 
     #[test]
     fn a_mode_that_its_link_drives_is_one_and_one_that_only_rings_on_is_shaken_from_elsewhere() {
-        assert!(!ringing(0.2, 0.0), "driven");
-        assert!(!ringing(0.2, 0.001), "driven, and ringing a little at the start");
-        assert!(ringing(0.001, 3.0), "rings on");
+        assert!(driven(0.2, 0.0) > 0.5, "driven");
+        assert!(driven(0.2, 0.001) > 0.5, "driven, and ringing a little at the start");
+        assert!(driven(0.001, 3.0) < 0.5, "rings on");
     }
 }

@@ -6,7 +6,6 @@
 //! ([`super::instants`]); else a soft contact is called a rebound, a slip, a slope.
 //! RT: no.
 
-use crate::diagnose::judge::numbers::TOUCHDOWN_S;
 use crate::diagnose::screen::ltv::{LtvWindow, StateRow};
 use crate::diagnose::screen::score_test::Column;
 use crate::identify::fitted_model::FittedModel;
@@ -14,9 +13,9 @@ use crate::identify::fitted_model::FittedModel;
 /// Numbers of a leg pair's state: two angles, two rates.
 const STATE: usize = 4;
 
-/// Changes of the predictions when one number of the state after one touchdown moves by what [`TOUCHDOWN_S`] makes of it: for
+/// Changes of the predictions when one number of the state after one touchdown moves by what `touchdown_s` makes of it: for
 /// each touchdown that was recorded and each number. No two touchdowns take the same moment.
-pub(super) fn touchdown_changes(of: &FittedModel, windows: &[LtvWindow]) -> Vec<Column> {
+pub(super) fn touchdown_changes(of: &FittedModel, windows: &[LtvWindow], touchdown_s: f64) -> Vec<Column> {
     let recordings = &of.problem.recordings;
     if recordings.iter().all(|r| r.stance.is_empty()) {
         return Vec::new();
@@ -28,7 +27,7 @@ pub(super) fn touchdown_changes(of: &FittedModel, windows: &[LtvWindow]) -> Vec<
         let moves = touchdowns.flat_map(|k| (0..STATE).map(move |number| (k, number)));
         let column = |(k, number): (usize, usize)| {
             let mut column: Column = vec![Vec::new(); windows.len()];
-            column[w] = moved_from(window, k, number, by_a_moment(window, k, joints, number) * TOUCHDOWN_S);
+            column[w] = moved_from(window, k, number, by_a_moment(window, k, joints, number) * touchdown_s);
             column
         };
         moves.map(column).collect()
@@ -82,7 +81,7 @@ mod tests {
         [[sensor]]\nmeasures = \"inner\"\ncolumn = \"inner_rad\"\n[[sensor]]\nmeasures = \"hip\"\ncolumn = \"hip_rad\"\n";
 
     fn changes_of(walk: &FittedModel) -> Vec<Column> {
-        touchdown_changes(walk, &ltv_windows(walk).unwrap())
+        touchdown_changes(walk, &ltv_windows(walk).unwrap(), 0.01)
     }
 
     /// A robot that falls forwards onto its other leg in mid-recording; rows of 4 ms.

@@ -8,7 +8,7 @@
 //! RT: no.
 
 use crate::diagnose::judge::criterion::Context;
-use crate::diagnose::search::candidate_fit::MOST_EFFORT;
+use crate::diagnose::search::budget::MOST_EFFORT;
 use crate::identify::fit::{Bound, FreeRuns, Limits, Point, cost, fit, present};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::squares;

@@ -4,12 +4,14 @@
 
 use crate::diagnose::judge::accept::has_slack_spring;
 use crate::diagnose::judge::criterion::Context;
-use crate::diagnose::search::candidate_fit::MOST_EFFORT;
 use crate::identify::fit::{Limits, Point, fit};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use std::sync::Arc;
+
+/// A search should end within this effort: some 30 s on two cores. Counted effort gives the same answer on any computer.
+pub(super) const MOST_EFFORT: u64 = 800_000_000;
 
 /// A candidate's fit may cost so many linearisations of the model that it is added to. A stiff spring that is the answer
 /// takes up to 40 (ten times the steps, four linearisations); a play that chatters or a spring that runs off to a rod
@@ -69,7 +71,7 @@ pub(in crate::diagnose) fn within(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::judge::worked::{Shown, shown};
 
     const FREE_LAG: &str =
         "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = { value = 0.002, min = 0.0, max = 0.2 }\n";
@@ -79,7 +81,7 @@ mod tests {
     fn a_fit_ends_with_its_allowance_and_its_cost_is_counted() {
         let Shown { context, problem } =
             shown("[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = 0.02\n");
-        let start = problem.fitted(FREE_LAG, 1, &context);
+        let start = problem.fitted(FREE_LAG, 1);
         let limits = Limits { iterations: 25, tolerance: 1e-7 };
         let fit = |most: u64| {
             let before = start.problem.effort.spent();

@@ -3,12 +3,12 @@
 //! RT: no.
 
 use crate::diagnose::judge::accept::is_admissible;
+use crate::diagnose::judge::continuity::has_continuous_states;
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::exchange::takes_its_place;
 use crate::diagnose::judge::flexibility::is_overly_flexible;
-use crate::diagnose::robustness::state_continuity::has_continuous_states;
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::search::budget::{allowance, is_spent, within};
-use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::search::exchange::in_its_place;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
@@ -79,7 +79,7 @@ pub fn converge_rivals(
 fn is_admitted(found: &FittedModel, trial: &CandidateFit, e: usize, context: &Context) -> bool {
     let goes_on = || {
         !trial.candidate.has_inner_states()
-            || refit_without(found, e, context)
+            || refit_without(found, e, &context.floors)
                 .is_none_or(|without| has_continuous_states(&without, &trial.hypothesis, &context.floors))
     };
     !is_overly_flexible(found, trial, context) && is_admissible(&trial.hypothesis, e, context) && goes_on()
@@ -89,7 +89,7 @@ fn is_admitted(found: &FittedModel, trial: &CandidateFit, e: usize, context: &Co
 mod tests {
     use super::*;
     use crate::diagnose::judge::criterion::compare;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::judge::worked::{Shown, shown};
 
     const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = ";
     const DELAY: &str = "[[effect]]\neffect = \"transport_delay\"\nat = \"u\"\ndelay = ";
@@ -101,8 +101,8 @@ mod tests {
         let delay = format!("{DELAY}{{ value = 0.01, min = 0.0, max = 0.2 }}\n");
         let lag = format!("{LAG}{{ value = 0.002, min = 0.0, max = 0.2 }}\n");
         let Shown { context, problem } = shown(&truth);
-        let found = problem.fitted(&delay, 25, &context);
-        let rival = problem.trial("actuator_lag", "u", &lag, 1, 900.0, &context);
+        let found = problem.fitted(&delay, 25);
+        let rival = problem.trial("actuator_lag", "u", &lag, 1, 900.0);
         assert!(compare(&found, &rival.hypothesis, &context).total > 30.0, "as it stands it is far behind");
         let added = problem.added("transport_delay", "u", 1000.0, vec![rival]);
         let (found, added) = converge_rivals(found, vec![added], &context);

@@ -4,12 +4,12 @@
 //! RT: no.
 
 use crate::diagnose::judge::accept::is_admissible;
+use crate::diagnose::judge::continuity::has_continuous_states;
 use crate::diagnose::judge::criterion::{Context, compare};
 use crate::diagnose::judge::exchange::{earns_its_place, takes_its_place};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
-use crate::diagnose::robustness::state_continuity::has_continuous_states;
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::search::budget::{allowance, is_spent, within};
-use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::model::rig::{Effect, Rig};
@@ -30,7 +30,7 @@ pub fn exchange_and_eliminate(
     }
     let mut i = 0;
     while i < added.len() && !is_spent(&found) {
-        let Some(without) = refit_without(&found, first + i, context) else { break };
+        let Some(without) = refit_without(&found, first + i, &context.floors) else { break };
         let kept = compare(&found, &without, context);
         if !earns_its_place(&added[i].candidate, kept, context) {
             found = without;
@@ -121,7 +121,7 @@ fn fit_rivals(
     let mut out: Vec<CandidateFit> = close.par_iter().filter_map(one).collect();
     out.retain(|trial| is_admissible(&trial.hypothesis, e, context));
     if out.iter().any(|trial| trial.candidate.has_inner_states()) {
-        let without = refit_without(found, e, context);
+        let without = refit_without(found, e, &context.floors);
         let goes_on = |t: &CandidateFit| {
             without.as_ref().is_none_or(|w| has_continuous_states(w, &t.hypothesis, &context.floors))
         };

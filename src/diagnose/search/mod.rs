@@ -4,7 +4,6 @@
 
 pub mod basin_hopping;
 pub(in crate::diagnose) mod budget;
-pub mod candidate_fit;
 pub mod converge_rivals;
 pub mod exchange;
 pub(in crate::diagnose) mod joint_pair;
@@ -14,3 +13,4 @@ pub mod ridge_restarts;
 pub mod round;
 pub mod runners_up;
 pub mod stepwise;
+pub mod subsample;

@@ -7,7 +7,8 @@
 //! RT: no.
 
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
-use crate::diagnose::search::candidate_fit::REFIT;
+use crate::diagnose::library::candidate_fit::REFIT;
+use crate::identify::experiment::Recording;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{is_misfit, white};
@@ -25,7 +26,7 @@ const SMOOTH_RATES: [f64; 6] = [1e-3, 2e-3, 4e-3, 8e-3, 0.016, 0.032];
 /// these recordings is then no simulation of this machine, but a machine, or one that lacks something.
 #[must_use]
 pub fn with_likeliest_numerics(of: &FittedModel, context: &Context) -> Option<FittedModel> {
-    let row_s = shortest_row_s(of)?;
+    let row_s = of.problem.recordings.iter().filter_map(Recording::usual_row_s).min_by(f64::total_cmp)?;
     let own = of.rig.numerics;
     let steps = std::iter::once(None).chain(PER_ROW.map(|n| Some(row_s / n)));
     let stepped = likeliest(of, steps.map(|euler_step_s| Numerics { euler_step_s, ..own }), context);
@@ -63,16 +64,6 @@ pub fn with_numerics(of: &FittedModel, numerics: Numerics, context: &Context) ->
     let first = FittedModel::fitted(problem, start, &noise, &context.floors, Limits::default())?;
     let finer = first.polished(&first.noise, &context.floors, REFIT);
     Some(finer.filter(|finer| finer.likelihood > first.likelihood).unwrap_or(first))
-}
-
-/// The usual time from row to row in the recording that has the shortest, s.
-fn shortest_row_s(of: &FittedModel) -> Option<f64> {
-    let usual = |times: &[f64]| {
-        let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        steps.sort_unstable_by(f64::total_cmp);
-        steps.get(steps.len() / 2).copied()
-    };
-    of.problem.recordings.iter().filter_map(|r| usual(&r.times)).min_by(f64::total_cmp)
 }
 
 #[cfg(test)]

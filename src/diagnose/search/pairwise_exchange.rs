@@ -6,8 +6,8 @@ use crate::diagnose::judge::accept::is_at_bound;
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::judge::exchange::is_clear;
 use crate::diagnose::judge::simplicity::LIMITS_OF;
-use crate::diagnose::search::budget::{allowance, within};
-use crate::diagnose::search::candidate_fit::{CandidateFit, MOST_EFFORT, SelectedEffect};
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::search::budget::{MOST_EFFORT, allowance, within};
 use crate::diagnose::search::exchange::{NEAR, in_its_place};
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
@@ -98,7 +98,7 @@ const OF_LAST_ROUND: usize = 3;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::judge::worked::{Shown, shown};
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
     const SPRING: &str = "[[effect]]\neffect = \"parallel_spring\"\nat = \"q1\"\n";
@@ -116,8 +116,8 @@ mod tests {
         let drag = format!("{DRAG}{{ value = 0.001, min = 0.0, max = 0.1 }}\n");
         let spring = format!("{SPRING}{spring}");
         let Shown { context, problem } = shown(&truth);
-        let found = problem.fitted(&format!("{COULOMB}{RIPPLE}"), 12, &context);
-        let rival = |effect, text: &str, gain| problem.trial(effect, "q1", text, 1, gain, &context);
+        let found = problem.fitted(&format!("{COULOMB}{RIPPLE}"), 12);
+        let rival = |effect, text: &str, gain| problem.trial(effect, "q1", text, 1, gain);
         let first = problem.added("coulomb_friction", "q1", 1000.0, vec![rival("quadratic_drag", &drag, 900.0)]);
         let second = problem.added("torque_ripple", "q1", 800.0, Vec::new());
         // The spring shows only once both stand.

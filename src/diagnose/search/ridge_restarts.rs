@@ -81,7 +81,7 @@ fn moved(rig: &Rig, e: usize, share: f64) -> Option<Rig> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::judge::worked::{Shown, shown};
     use crate::model::rig::Value;
 
     #[test]
@@ -112,7 +112,7 @@ mod tests {
         let Shown { context, problem } = shown(
             "[[effect]]\neffect = \"link_flexibility\"\nat = \"q1\"\nfrequency = 5.0\ndamping = 0.02\nparticipation = 0.25\n",
         );
-        let stuck = problem.fitted(&mode(12.0, 0.3, 0.2), 3, &context);
+        let stuck = problem.fitted(&mode(12.0, 0.3, 0.2), 3);
         let hz = |h: &FittedModel| h.rig.effects[context.given].get("frequency").unwrap().value;
         assert!((hz(&stuck) / 5.0 - 1.0).abs() > 0.1, "{}", hz(&stuck));
         let found = restart_along_ridges(stuck, &context);

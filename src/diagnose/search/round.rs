@@ -4,13 +4,14 @@
 //! parameters from the base solution, and ranked under the noise that the best of them leaves.
 //! RT: no.
 
+use crate::diagnose::judge::continuity::has_continuous_states;
 use crate::diagnose::judge::criterion::{self, Context, detection_threshold};
+use crate::diagnose::library::candidate_fit::{CandidateFit, with_effect};
 use crate::diagnose::library::candidates::{Candidate, look_alike};
-use crate::diagnose::robustness::state_continuity::{has_continuous_states, has_more_states};
+use crate::diagnose::robustness::state_continuity::has_more_states;
 use crate::diagnose::screen::score_test::{Column, Own, ScoreTest};
-use crate::diagnose::screen::subsample::{Subsample, subsampled};
-use crate::diagnose::search::budget::{allowance, allowance_of_a_look, within};
-use crate::diagnose::search::candidate_fit::{CandidateFit, MOST_EFFORT, with_effect};
+use crate::diagnose::search::budget::{MOST_EFFORT, allowance, allowance_of_a_look, within};
+use crate::diagnose::search::subsample::{Subsample, subsampled};
 use crate::identify::fit::{FreeRuns, Limits, Point, Series};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::initial_states::refit_states;
@@ -475,15 +476,15 @@ pub(super) fn tell(trials: &[CandidateFit], context: &Context, said: &mut dyn Fn
 mod tests {
     use super::*;
     use crate::diagnose::library::candidates::Key;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::library::worked::hiding;
     use crate::model::rig::Side;
 
     const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = 0.02\n";
 
     #[test]
     fn a_start_is_looked_at_within_its_allowance_and_its_cost_is_counted() {
-        let Shown { context, problem } = shown(LAG);
-        let base = problem.fitted("", 20, &context);
+        let problem = hiding(LAG);
+        let base = problem.fitted("", 20);
         let key = Key { name: "time_constant", min: 0.0, max: 0.2, log: false };
         let (effect, at, only, motor_sensor) = ("actuator_lag", "u".into(), None, None);
         let starts = vec![vec![0.01], vec![0.03]];

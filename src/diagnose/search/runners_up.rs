@@ -6,7 +6,7 @@
 
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::flexibility::is_overly_flexible;
-use crate::diagnose::search::candidate_fit::{CandidateFit, SelectedEffect, with_effect};
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, with_effect};
 use crate::diagnose::search::round::Start;
 use crate::identify::fitted_model::FittedModel;
 
@@ -59,7 +59,7 @@ pub fn runners_up(now: &FittedModel, winner: &SelectedEffect, context: &Context)
 mod tests {
     use super::*;
     use crate::diagnose::judge::criterion::detection_threshold;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::judge::worked::{Shown, shown};
     use crate::diagnose::search::round::{Asked, round};
 
     /// Drag and a spring, of which the drag has won a round: the spring is found beside it, whatever one step promises.
@@ -71,9 +71,9 @@ mod tests {
         let drag = |value: &str| of("quadratic_drag", "quadratic", value);
         let spring = |value: &str| of("parallel_spring", "stiffness", value) + "rest = 0.2\n";
         let Shown { context, problem } = shown(&(drag("0.004") + &spring("0.5")));
-        let found = problem.fitted(&drag("{ value = 0.001, min = 0.0, max = 0.1 }"), 12, &context);
+        let found = problem.fitted(&drag("{ value = 0.001, min = 0.0, max = 0.1 }"), 12);
         let free = spring("{ value = 0.1, min = 0.0, max = 2.0 }");
-        let behind = |gain: f64| problem.trial("parallel_spring", "q1", &free, 12, gain, &context);
+        let behind = |gain: f64| problem.trial("parallel_spring", "q1", &free, 12, gain);
         let near = |gain: f64| {
             let winner = problem.added("quadratic_drag", "q1", 1000.0, vec![behind(gain)]);
             runners_up(&found, &winner, &context)

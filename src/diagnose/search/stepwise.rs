@@ -10,11 +10,11 @@ use crate::diagnose::judge::exchange::only_freed_the_fit;
 use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here};
 use crate::diagnose::judge::numbers::{GREATER_PART, LOCAL_TERMS};
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::cross_validation::LeaveOneRecordingOut;
 use crate::diagnose::search::basin_hopping::escape_local_minimum;
-use crate::diagnose::search::budget::{allowance, is_spent, within};
-use crate::diagnose::search::candidate_fit::{CandidateFit, MOST_EFFORT, SelectedEffect, refit_without};
+use crate::diagnose::search::budget::{MOST_EFFORT, allowance, is_spent, within};
 use crate::diagnose::search::exchange::exchange_near_rivals;
 use crate::diagnose::search::joint_pair::add_jointly;
 use crate::diagnose::search::round::{Asked, Start, merged, promises_little, round, tell};
@@ -77,7 +77,7 @@ const RESTARTS: usize = 3;
 /// A fit that ended in a false minimum is improved by anything that shakes it (a touchdown one row off, a stick that
 /// should slip): without this check such a candidate would be named on a healthy machine.
 fn improves_without_effect(now: &FittedModel, trial: &CandidateFit, context: &Context) -> Option<FittedModel> {
-    let without = refit_without(&trial.hypothesis, now.rig.effects.len(), context)?;
+    let without = refit_without(&trial.hypothesis, now.rig.effects.len(), &context.floors)?;
     let total = |h: &FittedModel| -> f64 { h.blocks(&trial.hypothesis.noise).iter().sum() };
     let (before, after, with) = (total(now), total(&without), total(&trial.hypothesis));
     only_freed_the_fit(before, with, after).then_some(without)
@@ -427,16 +427,16 @@ impl<'s> Search<'s> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::search::candidate_fit::worked::{Shown, shown};
+    use crate::diagnose::judge::worked::{Shown, shown};
 
     #[test]
     fn a_number_that_runs_to_its_bound_is_none_and_one_that_is_found_gains() {
         let lag = |value: &str| format!("[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = {value}\n");
         let Shown { context, problem } = shown(&lag("0.02"));
-        let base = problem.fitted("", 20, &context);
+        let base = problem.fitted("", 20);
         let last = |most: f64| {
             let text = lag(&format!("{{ value = 0.002, min = 0.0, max = {most} }}"));
-            let trial = problem.trial("actuator_lag", "u", &text, 1, 100.0, &context);
+            let trial = problem.trial("actuator_lag", "u", &text, 1, 100.0);
             (fitted_to_the_end(&base, &trial, &context), trial)
         };
         assert!(last(0.01).0.is_none());

@@ -159,3 +159,8 @@ fn a_change_of_the_predictions_that_a_number_can_make_moves_that_number_back_and
     assert!((number[1] + 0.001).abs() < 1e-8 && number[0].abs() < 1e-8 && number[2].abs() < 1e-8, "{number}");
     assert!(state.amax() < 1e-8, "the windows' states take it: {state}");
 }
+
+#[test]
+fn a_band_of_95_percent_spans_1_96_deviations() {
+    assert!((band_95() - 1.959_964).abs() < 1e-6);
+}

@@ -87,19 +87,14 @@ fn slow_clock(recording: &Recording) -> Option<String> {
 }
 
 fn gaps(recording: &Recording) -> Option<String> {
-    let times = &recording.times;
-    let within = (1..recording.len()).filter(|row| !recording.is_fresh(*row));
-    let rows: Vec<(usize, f64)> = within.map(|row| (row - 1, times[row] - times[row - 1])).collect();
-    let longest = rows.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let mut steps: Vec<f64> = rows.iter().map(|(_, step)| *step).collect();
-    steps.sort_by(f64::total_cmp);
-    let median = steps.get(steps.len() / 2)?;
-    (longest.1 > GAP * median).then(|| {
-        let t = recording.times[longest.0];
+    let (before, gap) = recording.row_times_s().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let usual = recording.usual_row_s()?;
+    (gap > GAP * usual).then(|| {
+        let t = recording.times[before];
         // As an editor counts: the header is row 1.
-        let (name, gap, row) = (&recording.name, longest.1, longest.0 + 2);
+        let (name, row) = (&recording.name, before + 2);
         format!(
-            "{name}: row {row}, column `t_s`: a gap of {gap:.4} s after t = {t:.4} s (usual step {median:.4} s): the input \
+            "{name}: row {row}, column `t_s`: a gap of {gap:.4} s after t = {t:.4} s (usual step {usual:.4} s): the input \
              is held over it; if it changed meanwhile, cut the file in two there"
         )
     })

@@ -2,8 +2,8 @@
 //!
 //! RT: no.
 
-use crate::diagnose::judge::verdict::{Estimate, Member, Missing};
 use crate::model::effect::EffectKind;
+use crate::report::findings::{Estimate, Member, Missing};
 use std::collections::BTreeMap;
 
 /// A number with three significant digits.

@@ -1,0 +1,52 @@
+//! What was fitted and is not the answer.
+//!
+//! RT: no.
+
+use super::criterion::{Context, detection_threshold};
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::report::findings::{Missing, Rejected};
+
+/// Each effect of which that is so, with the number that says so.
+#[must_use]
+pub fn rejected(
+    missing: &[Missing],
+    added: &[SelectedEffect],
+    last: &[CandidateFit],
+    context: &Context,
+) -> Vec<Rejected> {
+    let mut out: Vec<Rejected> = Vec::new();
+    let mut push = |trial: &CandidateFit, why: String| {
+        let named = missing.iter().flat_map(|m| &m.one_of);
+        let taken = named.into_iter().any(|m| m.effect == trial.candidate.effect && m.at == trial.candidate.at);
+        let listed = out.iter().any(|r| r.effect == trial.candidate.effect && r.at == trial.candidate.at);
+        if !taken && !listed {
+            out.push(Rejected { effect: trial.candidate.effect.into(), at: trial.candidate.at.clone(), why });
+        }
+    };
+    for a in added {
+        for trial in a.others.iter().take(8) {
+            let behind = a.gain - trial.gain;
+            push(
+                trial,
+                format!(
+                    "fitted in place of {} it is {behind:.0} behind in twice the log-likelihood",
+                    a.candidate.effect
+                ),
+            );
+        }
+    }
+    for trial in last.iter().take(8) {
+        let least = detection_threshold(context, trial.candidate.keys.len());
+        let gain = format!("gains {:.0} in twice the log-likelihood", trial.gain.max(0.0));
+        let counts = trial.gain > least;
+        push(
+            trial,
+            if counts {
+                format!("{gain}, but did not stand the tests that follow: diagnose -v tells which")
+            } else {
+                format!("{gain}; {least:.0} is the least that counts")
+            },
+        );
+    }
+    out
+}

@@ -1,0 +1,103 @@
+//! The whole walk of a diagnosis: [`start`], the search, the [`stages`] that follow it, and what was [`found`].
+//!
+//! RT: no.
+
+mod found;
+mod stages;
+mod start;
+
+use crate::diagnose::base_model::{DiagnoseError, warnings};
+use crate::diagnose::input_checks::contradicted;
+use crate::diagnose::judge::evidence::Comparison;
+use crate::diagnose::judge::numbers::LEAST_SHARE;
+use crate::diagnose::judge::verdict::Findings;
+use crate::diagnose::library::initial_guesses::candidates;
+use crate::diagnose::screen::linearise::ltv_windows;
+use crate::diagnose::screen::scales::scales;
+use crate::diagnose::screen::score_test::ScoreTest;
+use crate::diagnose::search::stepwise::{Selection, forward};
+use crate::identify::experiment::Experiment;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::white;
+use crate::identify::noise::Colour;
+use crate::identify::outliers::cleaned;
+use crate::model::rig::Rig;
+use stages::{finished, without_slow_noise};
+use start::{RUNS_AWAY, Start, computing_as};
+use std::time::Instant;
+
+/// The answer and the model that goes with it.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    /// Everything for `diagnosis.json` and the page.
+    pub findings: Findings,
+    /// The rig with fitted numbers and the effects that were found.
+    pub model: Rig,
+    /// What the judge compared, by the rules and by the evidence.
+    pub comparisons: Vec<Comparison>,
+}
+
+/// What is asked of a diagnosis beside the case.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Seed of every random draw.
+    pub seed: u64,
+    /// Smallest part of the misfit that an effect removes when it matters.
+    pub least_share: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { seed: 0, least_share: LEAST_SHARE }
+    }
+}
+
+/// Diagnoses a case. `told` hears what is going on.
+///
+/// # Errors
+/// See [`DiagnoseError`].
+pub fn diagnose(
+    experiment: &Experiment,
+    options: Options,
+    mut told: impl FnMut(&str),
+) -> Result<Answer, DiagnoseError> {
+    let began = Instant::now();
+    let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
+    let mut start = Start::of(experiment, options.seed, &mut said)?;
+    let mut selection = searched(experiment, &start, &mut said);
+    if start.takes_numerics_of(&selection, experiment, &mut said) {
+        selection = searched(experiment, &start, &mut said);
+    }
+    let (last, cut_short) = (selection.last.clone(), selection.cut_short);
+    let answer = finished(start.given.clone(), selection, options.least_share, &start.context, &mut said);
+    let (clean, left_out) = cleaned(experiment, &answer.explained().rig);
+    let mut warnings = warnings(experiment, start.dropped.max(left_out));
+    warnings.extend(start.given.is_none().then(|| RUNS_AWAY.to_owned()));
+    warnings.extend(answer.warnings(experiment, cut_short, &start.context));
+    said("proof");
+    let mut findings = answer.findings(&clean, &start.context, &last, warnings)?;
+    findings.warnings.extend(contradicted(&findings.diagnosis.fit));
+    findings.diagnosis.seconds = began.elapsed().as_secs_f64();
+    Ok(Answer { findings, model: answer.model(experiment), comparisons: start.context.ledger.all() })
+}
+
+/// Forward selection over the library.
+fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) -> Selection {
+    let Start { pooled, given, base, context, .. } = start;
+    let library = |now: &FittedModel| {
+        let Some(windows) = ltv_windows(now) else { return Vec::new() };
+        let scales = scales(now, &windows, pooled);
+        let screen = |noise: &[Colour]| ScoreTest::new(&now.problem, &now.point, noise);
+        let (Some(fine), Some(coarse)) = (screen(&now.noise), screen(&white(&now.residuals, &context.floors))) else {
+            return Vec::new();
+        };
+        candidates(now, &scales, [&fine, &coarse], &windows)
+    };
+    let also = given.as_ref().filter(|_| context.is_trapped).map(|given| given.counted_with(base));
+    let rig = computing_as(&experiment.rig, base);
+    let all = forward((&rig, base), also.as_ref(), library, context, &mut *said);
+    let strict = if all.added.is_empty() { without_slow_noise(&all.base, &all.last, context) } else { None };
+    let Some(strict) = strict else { return all };
+    said("what passes for noise is slower than noise: again without");
+    forward((&rig, &strict), None, library, context, said)
+}

@@ -1,0 +1,128 @@
+//! What follows the selection, stage by stage: exchanges, last fits, and what of it stands in the answer.
+//!
+//! RT: no.
+
+use super::found::Found;
+use super::start::RUNS_AWAY;
+use crate::diagnose::explain::interest::{Kept, split_by_interest, undetermined, within_its_row};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
+use crate::diagnose::judge::numbers::LONGEST_MEMORY;
+use crate::diagnose::judge::verdict::refit_is_needed;
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::nameless::pooling_test::{no_common_machine, unfollowed};
+use crate::diagnose::nameless::residual_force::unexplained;
+use crate::diagnose::search::basin_hopping::escape_local_minimum;
+use crate::diagnose::search::converge_rivals::converge_rivals;
+use crate::diagnose::search::exchange::exchange_and_eliminate;
+use crate::diagnose::search::pairwise_exchange::exchange_pairs;
+use crate::diagnose::search::ridge_restarts::restart_along_ridges;
+use crate::diagnose::search::stepwise::Selection;
+use crate::identify::fit::Limits;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::{is_misfit, memory, squares};
+use crate::identify::problem::Problem;
+
+/// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.
+pub(super) fn finished(
+    given: Option<FittedModel>,
+    selection: Selection,
+    least_share: f64,
+    context: &Context,
+    said: &mut dyn FnMut(&str),
+) -> Found {
+    let Selection { base, found, added, last, .. } = selection;
+    let refit = given.map(|given| compare(&base, &given, context));
+    let refit_needed = refit.is_none_or(|refit| refit_is_needed(refit, base.point.parameters.len(), context));
+    said(&refit.map_or_else(|| RUNS_AWAY.to_owned(), |refit| format!("re-fit gains {:.0}", refit.total)));
+    let (found, added) = settled_selection(found, added, &last, context, said);
+    let kept = Kept::all(found, added).without_undetermined(&base, context);
+    let undetermined_only = kept.seen.len();
+    // Before what is left is asked: a name that is refuted does not answer for what it stood for.
+    let Kept { found, added, seen } = kept.without_refuted(&base, context);
+    said(&format!("what is left, {}", effort(&found)));
+    let strict = without_slow_noise(&base, &last, context).or_else(|| as_leader_hears(&base, &added, &last, context));
+    let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), context, said);
+    let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
+    let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
+    let rest = rest.map(|(unlisted, _)| unlisted);
+    let (found, added, rest) = match no_common_machine(&base, &found, &context.floors) {
+        Some(unlisted) => (base.clone(), Vec::new(), Some(unlisted)),
+        None => {
+            let rest = rest.or_else(|| if added.is_empty() { unfollowed(&base, &context.floors) } else { None });
+            (found, added, rest)
+        }
+    };
+    let kept = Kept { found, added, seen };
+    let Kept { found, added, mut seen, .. } = kept.of_interest(least_share, &base, context);
+    // What recordings kept back refute is nothing, unless the base leaves what is no noise.
+    let told = if is_misfit(&base.residuals, &context.floors) { seen.len() } else { undetermined_only };
+    let rest = rest.or_else(|| undetermined(&added, &seen[..told], least_share));
+    let (rest, small) = split_by_interest(rest, least_share);
+    seen.extend(small);
+    if added.is_empty() && rest.is_none() && seen.is_empty() {
+        seen.extend(within_its_row(&base, &last, context));
+    }
+    seen.iter().for_each(|one| said(&one.sentence));
+    Found { base: base.with_intervals(), found: found.with_intervals(), added, seen, rest, refit_needed }
+}
+
+/// The selection with each effect exchanged for a better one, or left out, and fitted to the last digit with its rivals.
+fn settled_selection(
+    found: FittedModel,
+    mut added: Vec<SelectedEffect>,
+    last: &[CandidateFit],
+    context: &Context,
+    said: &mut dyn FnMut(&str),
+) -> (FittedModel, Vec<SelectedEffect>) {
+    said(&format!("pairs exchanged, {}", effort(&found)));
+    let found = exchange_pairs(found, &mut added, last, context, said);
+    said(&format!("each exchanged and left out, {}", effort(&found)));
+    let (found, added) = exchange_and_eliminate(found, added, context);
+    said(&format!("last fit, {}", effort(&found)));
+    let found = settled(restart_along_ridges(found, context), context);
+    said(&format!("last fit of the rivals, {}", effort(&found)));
+    converge_rivals(found, added, context)
+}
+
+/// What the diagnosis has cost so far.
+fn effort(of: &FittedModel) -> String {
+    format!("effort {:.0} M", 1e-6 * of.problem.effort.spent() as f64)
+}
+
+/// `base` with slow noise taken for mismatch, if it or a trial of the last round has any. A slow mismatch with white noise on
+/// top passes for noise of a long memory, and that swallows whatever would explain it (seen: nine times the noise called
+/// consistent). A round is judged under the noise that its best trial leaves: of two effects that are missing the one passes for
+/// such noise beside the other, and none gains.
+pub(super) fn without_slow_noise(base: &FittedModel, last: &[CandidateFit], context: &Context) -> Option<FittedModel> {
+    let is_quick = |of: &FittedModel| of.noise.iter().all(|colour| memory(colour) <= LONGEST_MEMORY);
+    if is_quick(base) && last.iter().all(|trial| is_quick(&trial.hypothesis)) {
+        return None;
+    }
+    let problem = Problem { longest_memory: LONGEST_MEMORY, ..base.problem.clone() };
+    FittedModel::at(problem, base.point.clone(), base.information.clone(), &context.floors)
+}
+
+/// `base` with the noise that the best candidate left, where none was believed though that one gained more than chance: what
+/// it took away passed for coloured noise (a shaken base for a ringing link without damping).
+fn as_leader_hears(
+    base: &FittedModel,
+    added: &[SelectedEffect],
+    last: &[CandidateFit],
+    context: &Context,
+) -> Option<FittedModel> {
+    let heard = |t: &&CandidateFit| t.gain > detection_threshold(context, t.candidate.keys.len());
+    let leader = last.first().filter(heard).filter(|_| added.is_empty())?;
+    Some(FittedModel { noise: leader.hypothesis.noise.clone(), ..base.clone() })
+}
+
+/// The last fit of the answer, to the last digit that counts: under the noise that it leaves, or by squares where that is
+/// misfit, then out of a false minimum too.
+fn settled(found: FittedModel, context: &Context) -> FittedModel {
+    let misfit = is_misfit(&found.residuals, &context.floors);
+    let noise = if misfit { squares(&found.residuals, &context.floors) } else { found.noise.clone() };
+    let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
+    let finer = found.polished(&noise, &context.floors, Limits { iterations: 25, tolerance: 1e-7 });
+    let finer = finer.filter(|f| total(f) >= total(&found)).unwrap_or(found);
+    let other = if misfit { escape_local_minimum(&finer, context) } else { None };
+    other.filter(|o| total(o) > total(&finer)).unwrap_or(finer)
+}

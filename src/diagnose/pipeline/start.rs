@@ -1,0 +1,158 @@
+//! What a search starts from: the base, fitted out of false minima and with the numerics that the recordings show.
+//!
+//! RT: no.
+
+use crate::diagnose::base_model::{DiagnoseError, again, ready, runaway};
+use crate::diagnose::input_checks::at_bounds;
+use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::estimates::estimates;
+use crate::diagnose::judge::evidence::Ledger;
+use crate::diagnose::robustness::held_out::HeldOut;
+use crate::diagnose::search::numerics::{with_likeliest_numerics, with_numerics};
+use crate::diagnose::search::stepwise::Selection;
+use crate::identify::base_fit::{as_given, fitted};
+use crate::identify::experiment::Experiment;
+use crate::identify::fit::Limits;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::{samples, white};
+use crate::identify::outliers::drop_spikes;
+use crate::identify::rollout::Pooled;
+use crate::model::rig::{Numerics, Rig};
+use std::sync::Arc;
+
+/// What to say of numbers as given that no run survives.
+pub(super) const RUNS_AWAY: &str = "with the numbers as given the simulation runs away; they may be those of no body";
+
+/// What a search starts from.
+pub(super) struct Start {
+    pub(super) pooled: Pooled,
+    /// Samples that were left out.
+    pub(super) dropped: usize,
+    /// With the numbers as given; none where it runs away with them.
+    pub(super) given: Option<FittedModel>,
+    pub(super) base: FittedModel,
+    pub(super) context: Context,
+}
+
+impl Start {
+    pub(super) fn of(experiment: &Experiment, seed: u64, said: &mut dyn FnMut(&str)) -> Result<Self, DiagnoseError> {
+        let (mut recordings, pooled, floors) = ready(experiment)?;
+        said("base fit");
+        let first =
+            fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
+        let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
+        let given = as_given(&experiment.rig, &recordings, &pooled, &floors);
+        let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
+        let base = if let Some(given) = &given { no_worse(base, given, &floors) } else { base };
+        let context = Context {
+            samples: samples(&base.residuals, &floors),
+            given: experiment.rig.effects.len(),
+            is_trapped: is_trapped(&base, experiment),
+            floors,
+            seed,
+            ledger: Ledger::default(),
+            held_out: HeldOut::of(experiment, &base.rig).map(Arc::new),
+        };
+        said(&format!("noise {:.3?}", base.noise));
+        for (name, of) in estimates(&base) {
+            said(&format!("   {name} {:.4}", of.value));
+        }
+        let mut start = Self { pooled, dropped, given, base, context };
+        if let Some(base) = with_likeliest_numerics(&start.base, &start.context) {
+            start.computes_as(base, experiment, said);
+        }
+        Ok(start)
+    }
+
+    /// True if what was selected shows other numerics of the simulation than the base alone did: then the search starts anew with these.
+    pub(super) fn takes_numerics_of(
+        &mut self,
+        selection: &Selection,
+        experiment: &Experiment,
+        said: &mut dyn FnMut(&str),
+    ) -> bool {
+        let found = Some(&selection.found).filter(|_| !selection.added.is_empty());
+        let other = found.and_then(|found| with_likeliest_numerics(found, &self.context));
+        let base = other.and_then(|other| with_numerics(&self.base, other.rig.numerics, &self.context));
+        base.map(|base| self.computes_as(base, experiment, said)).is_some()
+    }
+
+    /// From `base`, which is fitted with other numerics.
+    fn computes_as(&mut self, base: FittedModel, experiment: &Experiment, said: &mut dyn FnMut(&str)) {
+        said(&numerics_told(base.rig.numerics));
+        let rig = computing_as(&experiment.rig, &base);
+        self.given = as_given(&rig, &base.problem.recordings, &self.pooled, &self.context.floors);
+        self.base = base;
+    }
+}
+
+/// True if the fit of the base ended at bounds: a number that made up for what is missing as far as it could. One step of a
+/// candidate then does not move it back, and promises nothing.
+fn is_trapped(base: &FittedModel, experiment: &Experiment) -> bool {
+    !at_bounds(&base.clone().with_intervals(), &experiment.rig).is_empty()
+}
+
+/// `base`, or if the rig as given is better, the fit that starts from there: a fit may end in a false minimum.
+fn no_worse(base: FittedModel, given: &FittedModel, floors: &[f64]) -> FittedModel {
+    let total = |h: &FittedModel| -> f64 { h.blocks(&given.noise).iter().sum() };
+    if total(&base) >= total(given) {
+        return base;
+    }
+    let noise = white(&given.residuals, floors);
+    let start = FittedModel::fitted(base.problem.clone(), given.point.clone(), &noise, floors, Limits::default());
+    let finer = start.and_then(|h| h.polished(&h.noise, floors, Limits { iterations: 8, tolerance: 1e-6 }).or(Some(h)));
+    finer.filter(|h| total(h) > total(&base)).unwrap_or(base)
+}
+
+/// `rig` with the numerics of `of`.
+pub(super) fn computing_as(rig: &Rig, of: &FittedModel) -> Rig {
+    Rig { numerics: of.rig.numerics, ..rig.clone() }
+}
+
+/// What a simulator did to the recordings.
+pub(super) fn numerics_told(numerics: Numerics) -> String {
+    let Numerics { euler_step_s, smooth_rate } = numerics;
+    let steps = euler_step_s.map(|s| format!("steps by {:.3} ms (semi-implicit Euler)", 1e3 * s));
+    let sign = smooth_rate.map(|r| format!("gives friction a smooth sign (tanh of the rate over {r})"));
+    let what: Vec<String> = steps.into_iter().chain(sign).collect();
+    if what.is_empty() {
+        return "the recordings agree best with an exact integration".to_owned();
+    }
+    let what = what.join(" and ");
+    format!("the recordings agree best with a simulator that {what}; that is no missing physics and is taken along")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::experiment::Recording;
+    use crate::identify::synthesis::record;
+
+    /// Two links, the second on the first; `moment2` is free.
+    fn links(moment2: f64) -> Rig {
+        let text = format!(
+            "schema = 1\nmechanism = \"double_pendulum\"\n[parameters]\ninertia1_kg_m2 = 0.012\ninertia2_kg_m2 = 0.055\n\
+             moment1_kg_m = 0.07\nmoment2_kg_m = {{ value = {moment2}, min = 0.1, max = 0.5 }}\nmass2_kg = 1.1\n\
+             length1_m = 0.25\ngravity_m_s2 = 9.81\n\
+             [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 1.0\n\
+             [[sensor]]\nmeasures = \"q1\"\ncolumn = \"q1_rad\"\nnoise_std = 0.001\n\
+             [[sensor]]\nmeasures = \"q2\"\ncolumn = \"q2_rad\"\nnoise_std = 0.001\n\
+             [[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\n"
+        );
+        Rig::parse(&text, "rig.toml").unwrap()
+    }
+
+    #[test]
+    fn numbers_as_given_of_no_body_are_fitted_again_and_told() {
+        let times: Vec<f64> = (0..150).map(|k| f64::from(k) * 0.01).collect();
+        let inputs = vec![times.iter().map(|t| 0.3 * libm::sin(9.0 * t)).collect()];
+        let mut recording = Recording::new("a.csv", times, inputs, Vec::new());
+        recording.measured = record(&links(0.22), &recording, &[0.2, -0.1], Some(1)).unwrap().measured;
+        // (length1 moment2)² is more than (inertia1 + mass2 length1²) inertia2: no mass matrix.
+        let experiment = Experiment { rig: links(0.28), recordings: vec![recording] };
+        let start = Start::of(&experiment, 0, &mut |_| {}).unwrap();
+        assert!(start.given.is_none());
+        let moment2 = estimates(&start.base)[0].1.value;
+        assert!((moment2 / 0.22 - 1.0).abs() < 0.02, "{moment2}");
+    }
+}
