@@ -8,12 +8,13 @@
 
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::library::candidate_fit::REFIT;
+use crate::diagnose::search::budget::{allowance_of_a_look, within};
 use crate::identify::experiment::Recording;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{is_misfit, white};
 use crate::model::effect::EffectKind;
-use crate::model::rig::Numerics;
+use crate::model::rig::{Numerics, Rig};
 use rayon::prelude::*;
 
 /// Steps per row that are tried. The error of a step goes with its length: what lies between is nearly one of these.
@@ -30,13 +31,10 @@ pub fn with_likeliest_numerics(of: &FittedModel, context: &Context) -> Option<Fi
     let own = of.rig.numerics;
     let steps = std::iter::once(None).chain(PER_ROW.map(|n| Some(row_s / n)));
     let stepped = likeliest(of, steps.map(|euler_step_s| Numerics { euler_step_s, ..own }), context);
-    let is_left = |fit: &FittedModel| is_misfit(&fit.residuals, &context.floors);
-    if is_left(&stepped) {
-        return None;
-    }
     let rates = if has_dry_friction(of) { &SMOOTH_RATES[..] } else { &[] };
     let rates = std::iter::once(None).chain(rates.iter().map(|rate| Some(*rate)));
     let best = likeliest(&stepped, rates.map(|smooth_rate| Numerics { smooth_rate, ..stepped.rig.numerics }), context);
+    let is_left = |fit: &FittedModel| is_misfit(&fit.residuals, &context.floors);
     let is_more_than_chance = compare(&best, of, context).total > detection_threshold(context, 1);
     (best.rig.numerics != own && !is_left(&best) && is_more_than_chance).then_some(best)
 }
@@ -47,23 +45,38 @@ fn has_dry_friction(of: &FittedModel) -> bool {
     of.rig.effects.iter().any(|effect| is_dry(effect.kind))
 }
 
-/// The likeliest of `of` and its fits with `all` numerics.
+/// The likeliest of `of` and of the one among `all` numerics that the first steps of a fit recommend, fitted to its end. None may cost
+/// more than a candidate's start: friction that changes its sign within a tenth of the rate that a row changes makes a simulation stiff,
+/// and no simulator would take it.
 fn likeliest(of: &FittedModel, all: impl Iterator<Item = Numerics>, context: &Context) -> FittedModel {
     let others: Vec<Numerics> = all.filter(|numerics| *numerics != of.rig.numerics).collect();
-    let fits: Vec<FittedModel> = others.into_par_iter().filter_map(|n| with_numerics(of, n, context)).collect();
-    fits.into_iter().fold(of.clone(), |best, fit| if fit.likelihood > best.likelihood { fit } else { best })
+    let most = allowance_of_a_look(of);
+    let look = |numerics: Numerics| {
+        let (problem, start) = of.extended(Rig { numerics, ..of.rig.clone() });
+        within(most, of, problem, start, (&white(&of.residuals, &context.floors), LOOK), context)
+    };
+    let looks: Vec<FittedModel> = others.into_par_iter().filter_map(look).collect();
+    let best = looks.into_iter().max_by(|a, b| a.likelihood.total_cmp(&b.likelihood));
+    let best = best.filter(|look| look.likelihood > of.likelihood).and_then(|look| to_its_end(look, context));
+    best.filter(|best| best.likelihood > of.likelihood).unwrap_or_else(|| of.clone())
 }
+
+/// First steps of a fit with other numerics, from where the fit without them ended.
+const LOOK: Limits = Limits { iterations: 6, tolerance: 3e-4 };
 
 /// `of` fitted again with other numerics.
 #[must_use]
 pub fn with_numerics(of: &FittedModel, numerics: Numerics, context: &Context) -> Option<FittedModel> {
-    let mut rig = of.rig.clone();
-    rig.numerics = numerics;
-    let (problem, start) = of.extended(rig);
+    let (problem, start) = of.extended(Rig { numerics, ..of.rig.clone() });
     let noise = white(&of.residuals, &context.floors);
-    let first = FittedModel::fitted(problem, start, &noise, &context.floors, Limits::default())?;
-    let finer = first.polished(&first.noise, &context.floors, REFIT);
-    Some(finer.filter(|finer| finer.likelihood > first.likelihood).unwrap_or(first))
+    to_its_end(FittedModel::fitted(problem, start, &noise, &context.floors, Limits::default())?, context)
+}
+
+/// `first` fitted on, under white noise and then under its own.
+fn to_its_end(first: FittedModel, context: &Context) -> Option<FittedModel> {
+    let whiter = first.polished(&white(&first.residuals, &context.floors), &context.floors, Limits::default())?;
+    let finer = whiter.polished(&whiter.noise, &context.floors, REFIT);
+    Some(finer.filter(|finer| finer.likelihood > whiter.likelihood).unwrap_or(whiter))
 }
 
 #[cfg(test)]
@@ -74,7 +87,6 @@ mod tests {
     use crate::identify::noise::Colour;
     use crate::identify::problem::Problem;
     use crate::identify::synthesis::record;
-    use crate::model::rig::Rig;
 
     const LINKS: &str = "mechanism = \"double_pendulum\"\n[parameters]\ninertia1_kg_m2 = 0.02\ninertia2_kg_m2 = 0.055\n\
         moment1_kg_m = 0.07\nmoment2_kg_m = { value = 0.2, min = 0.1, max = 0.3 }\nmass2_kg = 1.1\nlength1_m = 0.25\n\
