@@ -201,11 +201,11 @@ impl Problem {
         self.rollout(window, &self.theta).rigid_len()
     }
 
-    /// Where the run of one window is when the next one starts; `None` at the end of a recording, or if it fails.
+    /// Where the run of one window from `state` is when the next one starts; `None` at the end of a recording, or if it fails.
     #[must_use]
-    pub fn arrived(&self, window: usize, at: &Point) -> Option<Vec<f64>> {
-        let theta = Theta { values: self.values(&at.parameters), ..self.theta.clone() };
-        self.rollout(window, &theta).arrived(0, &at.states[window]).ok()?
+    pub fn arrived(&self, window: usize, parameters: &[f64], state: &[f64]) -> Option<Vec<f64>> {
+        let theta = Theta { values: self.values(parameters), ..self.theta.clone() };
+        self.rollout(window, &theta).arrived(0, state).ok()?
     }
 
     /// What each sensor reads in the run of one window, missing samples as well; `None` if the run fails.

@@ -186,7 +186,7 @@ fn split(problem: &Problem, at: &Point, recording: usize, from_s: f64) -> Option
     problem.windows.insert(w + 1, problem.windows[w]);
     problem.spans.insert(w + 1, row..span.end);
     problem.spans[w].end = row;
-    let arrived = problem.arrived(w, &point)?;
+    let arrived = problem.arrived(w, &point.parameters, &point.states[w])?;
     point.states.insert(w + 1, arrived);
     Some((problem, point, row))
 }

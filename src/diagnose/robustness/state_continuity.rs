@@ -8,41 +8,64 @@
 //! RT: no.
 
 use crate::identify::base_fit::known;
-use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit_states};
+use crate::identify::fit::{FreeRuns, Limits, Point, Series, fit};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{Residuals, blocks, white};
+use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Rig, Value};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
+use std::ops::Range;
 
-/// Part of the gain of `richer` over `plain` that is left when its inner states go on from window to window, coordinates
-/// and rates fitted as before. `None` if there are no inner states that could, or nothing is gained.
+/// Part of the gain of `richer` over `plain` that is left when its inner states go on from window to window through each whole
+/// recording, coordinates and rates fitted anew in each. `None` if there are no inner states that could, or nothing is gained.
+///
+/// From one window into the next alone, a spring as slow as a window passes: what it holds there is what the free fit of the window
+/// before left in it (a cogging motor, windows of .05 s).
 #[must_use]
 pub fn gain_ratio_with_continuous_states(plain: &FittedModel, richer: &FittedModel, floors: &[f64]) -> Option<f64> {
     if !has_more_states(plain, richer) || richer.problem.windows.len() == richer.problem.recordings.len() {
         return None;
     }
-    let arrived: Vec<Option<Vec<f64>>> =
-        (0..richer.problem.windows.len()).into_par_iter().map(|w| before(&richer.problem, &richer.point, w)).collect();
-    let rigid: Vec<usize> = (0..arrived.len()).map(|w| richer.problem.rigid(w)).collect();
-    let inner = |((state, arrived), rigid): ((&Vec<f64>, &Option<Vec<f64>>), &usize)| {
-        arrived.as_ref().filter(|a| a.len() == state.len()).unwrap_or(state)[*rigid..].to_vec()
-    };
-    let inner: Vec<Vec<f64>> = richer.point.states.iter().zip(&arrived).zip(&rigid).map(inner).collect();
     let held = richer.problem.with_rig(known(&richer.rig));
-    let runs = Carried { problem: &held, inner: &inner, rigid: &rigid };
-    let start = richer.point.states.iter().zip(&rigid).map(|(s, rigid)| s[..*rigid].to_vec()).collect();
     let own = white(&richer.residuals, floors);
-    let states = fit_states(&runs, start, &own, FEW_STEPS);
-    let whole = states.into_iter().zip(&inner).map(|(state, inner)| [state, inner.clone()].concat()).collect();
-    let residuals = held.residuals(&Point { parameters: Vec::new(), states: whole })?;
+    let states = chains(&held).into_par_iter().flat_map_iter(|windows| carried_through(&held, richer, windows, &own));
+    let residuals = held.residuals(&Point { parameters: Vec::new(), states: states.collect() })?;
     let noise = white(&plain.residuals, floors);
     let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
     let free = total(richer) - total(plain);
     let left: f64 = blocks(&residuals, &noise).iter().sum::<f64>() - total(plain);
     (free > 0.0).then(|| left / free)
+}
+
+/// Windows that follow one another, each chain from one that nothing goes before.
+fn chains(of: &Problem) -> Vec<Range<usize>> {
+    let starts: Vec<usize> = (0..of.windows.len()).filter(|w| !follows(of, *w)).collect();
+    let ends = starts.iter().skip(1).copied().chain([of.windows.len()]);
+    starts.iter().zip(ends).map(|(start, end)| *start..end).collect()
+}
+
+/// The states of `windows`, which follow one another: the first as fitted, then inner ones that arrive and others that are fitted.
+fn carried_through(held: &Problem, of: &FittedModel, windows: Range<usize>, noise: &[Colour]) -> Vec<Vec<f64>> {
+    let mut out: Vec<Vec<f64>> = Vec::with_capacity(windows.len());
+    for w in windows {
+        let fitted = &of.point.states[w];
+        let arrived = out.last().and_then(|state| held.arrived(w - 1, &[], state)).filter(|a| a.len() == fitted.len());
+        let rigid = held.rigid(w);
+        out.push(arrived.map_or_else(
+            || fitted.clone(),
+            |arrived| {
+                let runs = Carried { problem: held, window: w, inner: &arrived[rigid..], rigid };
+                let start = Point { parameters: Vec::new(), states: vec![fitted[..rigid].to_vec()] };
+                let mut state = fit(&runs, start, &[], noise, FEW_STEPS).point.states.swap_remove(0);
+                state.extend_from_slice(&arrived[rigid..]);
+                state
+            },
+        ));
+    }
+    out
 }
 
 /// True if `richer` has inner states that `plain` has not.
@@ -108,27 +131,32 @@ const FEW_STEPS: Limits = Limits { iterations: 6, tolerance: 1e-4 };
 
 /// Where the window before `w` arrives, if it is of the same recording and ends where `w` starts.
 fn before(problem: &Problem, at: &Point, w: usize) -> Option<Vec<f64>> {
-    let last = w.checked_sub(1)?;
-    let follows = problem.windows[last].0 == problem.windows[w].0 && problem.spans[last].end == problem.spans[w].start;
-    if follows { problem.arrived(last, at) } else { None }
+    if follows(problem, w) { problem.arrived(w - 1, &at.parameters, &at.states[w - 1]) } else { None }
 }
 
-/// Free runs whose inner states are known.
+/// True if `w` starts where the window before it, of the same recording, ends.
+fn follows(problem: &Problem, w: usize) -> bool {
+    let Some(last) = w.checked_sub(1) else { return false };
+    problem.windows[last].0 == problem.windows[w].0 && problem.spans[last].end == problem.spans[w].start
+}
+
+/// Free runs of one window whose inner states are known.
 struct Carried<'p> {
     problem: &'p Problem,
-    inner: &'p [Vec<f64>],
-    rigid: &'p [usize],
+    window: usize,
+    inner: &'p [f64],
+    rigid: usize,
 }
 
 impl FreeRuns for Carried<'_> {
     fn windows(&self) -> usize {
-        self.problem.windows()
+        1
     }
 
-    fn run(&self, window: usize, parameters: &[f64], state: &[f64], slopes: bool) -> Option<Vec<Series>> {
-        let whole = [state, &self.inner[window]].concat();
-        let mut channels = self.problem.run(window, parameters, &whole, slopes)?;
-        channels.iter_mut().for_each(|series| series.slopes.truncate(parameters.len() + self.rigid[window]));
+    fn run(&self, _: usize, parameters: &[f64], state: &[f64], slopes: bool) -> Option<Vec<Series>> {
+        let whole = [state, self.inner].concat();
+        let mut channels = self.problem.run(self.window, parameters, &whole, slopes)?;
+        channels.iter_mut().for_each(|series| series.slopes.truncate(parameters.len() + self.rigid));
         Some(channels)
     }
 }
