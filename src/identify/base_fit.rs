@@ -40,11 +40,17 @@ fn roughness(recordings: &[Recording], channel: usize) -> f64 {
     median_abs(&bends.collect::<Vec<_>>()) / (0.6745 * libm::sqrt(6.0))
 }
 
-/// The fit recordings of an experiment.
+/// The fit recordings of an experiment; those without windows in pieces of [`PIECE_S`].
 #[must_use]
 pub fn fit_recordings(experiment: &Experiment) -> Vec<Recording> {
-    experiment.of_use(Use::Fit).cloned().collect()
+    let in_pieces = |r: &Recording| Recording { window_s: Some(r.window_s.unwrap_or(PIECE_S)), ..r.clone() };
+    experiment.of_use(Use::Fit).map(in_pieces).collect()
 }
+
+/// Length of the free runs that are fitted where a recording has no windows, s: multiple shooting (Bock and Plitt 1984). Over a longer
+/// run that sticks and slips the misfit has an edge for every swing more or less before a stop, and fits end at one of them (a leg that
+/// swings for 28 s: a quarter of its friction, and an elasticity in its place). Predictions go over the whole recording.
+const PIECE_S: f64 = 4.0;
 
 /// Fits all free numbers of `rig`: horizons grow, then white noise of the size of the residual, twice.
 #[must_use]
