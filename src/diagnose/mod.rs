@@ -29,7 +29,7 @@
 //! | [`explain`] | the answer in sets, numbers and curves |
 //! | [`pipeline`] | the walk: from a case to its answer |
 //!
-//! In no room stand [`base_model`] and [`sentence`], which know none of them, [`supposed`] beside [`robustness`], [`input_checks`]
+//! In no room stand [`base_model`] and [`sentence`], which know none of them, [`supposed`] beside [`nameless`], [`input_checks`]
 //! beside [`explain`], and [`identification`], which is the walk of `compass identify`.
 //!
 //! # The rules

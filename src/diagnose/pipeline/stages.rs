@@ -123,6 +123,6 @@ fn settled(found: FittedModel, context: &Context) -> FittedModel {
     let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
     let finer = found.polished(&noise, &context.floors, Limits { iterations: 25, tolerance: 1e-7 });
     let finer = finer.filter(|f| total(f) >= total(&found)).unwrap_or(found);
-    let other = if misfit { escape_local_minimum(&finer, context) } else { None };
+    let other = if misfit { escape_local_minimum(&finer, &context.floors) } else { None };
     other.filter(|o| total(o) > total(&finer)).unwrap_or(finer)
 }

@@ -7,8 +7,7 @@
 //! each number is moved both ways as far as the misfit is large, the others following as the linear model has it.
 //! RT: no.
 
-use crate::diagnose::judge::criterion::Context;
-use crate::diagnose::search::budget::MOST_EFFORT;
+use crate::diagnose::search::budget::{MOST_EFFORT, allowance};
 use crate::identify::fit::{Bound, FreeRuns, Limits, Point, cost, fit, present};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::squares;
@@ -18,7 +17,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// Most numbers, initial states included: beyond, windows are short and many, and their valley is smooth.
-const MOST_NUMBERS: usize = 40;
+const MOST_NUMBERS: usize = 60;
 
 /// How far a number is moved: 1 is so far that the linear model would have the misfit double.
 const DISTANCES: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
@@ -39,15 +38,15 @@ const FINAL_FIT: Limits = Limits { iterations: 10, tolerance: 1e-6 };
 
 /// `now` fitted again from the best place within reach. `None` where the valley is no such one, or nothing is better.
 #[must_use]
-pub fn escape_local_minimum(now: &FittedModel, context: &Context) -> Option<FittedModel> {
-    let noise = squares(&now.residuals, &context.floors);
+pub fn escape_local_minimum(now: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
+    let noise = squares(&now.residuals, floors);
     let size = now.point.parameters.len() + now.point.states.iter().map(Vec::len).sum::<usize>();
     if size > MOST_NUMBERS {
         return None;
     }
     let first = cost(&now.problem, &now.point, &noise);
     let (mut best, mut least) = (now.point.clone(), first);
-    let linearisation = now.cost_of_linearisation();
+    let (linearisation, most) = (now.cost_of_linearisation(), allowance(now));
     // What a part of the way would cost, by the linearisations in it; what is left for all.
     let in_time = |linearisations: usize| {
         now.problem.effort.spent() + linearisation * linearisations as u64 <= MOST_EFFORT + FOR_VALLEYS
@@ -57,10 +56,11 @@ pub fn escape_local_minimum(now: &FittedModel, context: &Context) -> Option<Fitt
         if !in_time(TAKEN_UP * SHORT_FIT.iterations) {
             break;
         }
-        let afar = from_afar(&now.problem, &best, (least, size), &noise).filter(falls);
+        let afar = from_afar(&now.problem, &best, (least, size), &noise, most).filter(falls);
         let held = || {
             let fits = HELD.len() * now.point.parameters.len();
-            in_time(2 * fits * SHORT_FIT.iterations).then(|| from_held(&now.problem, &best, &noise).filter(falls))?
+            in_time(2 * fits * SHORT_FIT.iterations)
+                .then(|| from_held(&now.problem, &best, &noise, most).filter(falls))?
         };
         let Some((found, point)) = afar.or_else(held) else { break };
         (least, best) = (found, point);
@@ -68,11 +68,17 @@ pub fn escape_local_minimum(now: &FittedModel, context: &Context) -> Option<Fitt
     if least >= first {
         return None;
     }
-    FittedModel::fitted(now.problem.clone(), best, &noise, &context.floors, FINAL_FIT)
+    FittedModel::fitted(now.problem.clone(), best, &noise, floors, FINAL_FIT)
 }
 
 /// The best of the fits from places around `at`, where the misfit is `least`.
-fn from_afar(problem: &Problem, at: &Point, (least, size): (f64, usize), noise: &[Colour]) -> Option<(f64, Point)> {
+fn from_afar(
+    problem: &Problem,
+    at: &Point,
+    (least, size): (f64, usize),
+    noise: &[Colour],
+    most: u64,
+) -> Option<(f64, Point)> {
     let metric = metric(problem, at, noise, size)?;
     let steps = (0..at.parameters.len()).flat_map(|i| {
         let row = metric.row(i).transpose();
@@ -80,16 +86,14 @@ fn from_afar(problem: &Problem, at: &Point, (least, size): (f64, usize), noise: 
         [along.clone(), -along].into_iter().flat_map(|step| DISTANCES.map(|far| &step * (far * libm::sqrt(least))))
     });
     let places: Vec<Point> = steps.map(|step| moved(problem, at, &step)).collect();
-    let mut starts: Vec<(f64, Point)> = places.into_par_iter().map(|p| (cost(problem, &p, noise), p)).collect();
+    let mut starts: Vec<(f64, Point)> =
+        places.into_par_iter().map(|p| (limited_cost(problem, &p, noise, most), p)).collect();
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
     starts.truncate(TAKEN_UP);
     let bounds = problem.bounds();
-    let one = |(_, start)| {
-        let done = fit(problem, start, &bounds, noise, SHORT_FIT);
-        (done.cost, done.point)
-    };
+    let one = |(_, start)| short_fit(problem, start, &bounds, noise, most);
     let fits: Vec<(f64, Point)> = starts.into_par_iter().map(one).collect();
-    fits.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
+    fits.into_iter().filter(|(cost, _)| cost.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// Factors by which a number is moved and held there while the others follow.
@@ -97,7 +101,7 @@ const HELD: [f64; 4] = [0.75, 0.87, 1.15, 1.33];
 
 /// The best of the fits in which one positive number at a time was held at another value first: along a valley that bends,
 /// the others do not follow as the linear model has it.
-fn from_held(problem: &Problem, at: &Point, noise: &[Colour]) -> Option<(f64, Point)> {
+fn from_held(problem: &Problem, at: &Point, noise: &[Colour], most: u64) -> Option<(f64, Point)> {
     let bounds = problem.bounds();
     let is_free = |i: &usize| !problem.logarithmic[*i] && bounds[*i].min >= 0.0 && at.parameters[*i] > 0.0;
     let places: Vec<(usize, f64)> =
@@ -107,12 +111,26 @@ fn from_held(problem: &Problem, at: &Point, noise: &[Colour]) -> Option<(f64, Po
         start.parameters[i] = value.clamp(bounds[i].min, bounds[i].max);
         let mut held = bounds.clone();
         held[i] = Bound { min: start.parameters[i], max: start.parameters[i] };
-        let along = fit(problem, start, &held, noise, SHORT_FIT);
-        let done = fit(problem, along.point, &bounds, noise, SHORT_FIT);
-        (done.cost, done.point)
+        let (_, along) = short_fit(problem, start, &held, noise, most);
+        short_fit(problem, along, &bounds, noise, most)
     };
     let fits: Vec<(f64, Point)> = places.into_par_iter().map(one).collect();
     fits.into_iter().filter(|(cost, _)| cost.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+fn limited_cost(problem: &Problem, at: &Point, noise: &[Colour], most: u64) -> f64 {
+    let limited = problem.clone().with_allowance(most);
+    let found = cost(&limited, at, noise);
+    problem.effort.add(limited.effort.spent().min(limited.effort.patience()));
+    found
+}
+
+/// A few steps from `start`, at the price of `most` at most: from afar a play may chatter for minutes.
+fn short_fit(problem: &Problem, start: Point, bounds: &[Bound], noise: &[Colour], most: u64) -> (f64, Point) {
+    let limited = problem.clone().with_allowance(most);
+    let done = fit(&limited, start, bounds, noise, SHORT_FIT);
+    problem.effort.add(limited.effort.spent().min(limited.effort.patience()));
+    (done.cost, done.point)
 }
 
 /// Steps of one unit of misfit each in every direction: the inverse root of the normal matrix of all numbers.
@@ -200,7 +218,7 @@ mod tests {
             let limits = Limits { iterations: 25, tolerance: 1e-7 };
             let start = Point { states: vec![vec![0.9, 0.0]], ..problem.start() };
             let fitted = FittedModel::fitted(problem, start, &noise, &context.floors, limits).unwrap();
-            let found = escape_local_minimum(&fitted, &context);
+            let found = escape_local_minimum(&fitted, &context.floors);
             let friction = |h: &FittedModel| h.rig.effects[1].values[0].value;
             let rms = |h: &FittedModel| (h.residuals[0][0].iter().map(|x| x * x).sum::<f64>() / 1500.0).sqrt();
             println!("{coulomb}: fit {:.5} {:.4}", friction(&fitted), rms(&fitted));

@@ -99,7 +99,7 @@ fn out_of_local_minimum(
     if !is_misfit(&trial.hypothesis.residuals, &context.floors) {
         return trial;
     }
-    let Some(other) = escape_local_minimum(&trial.hypothesis, context) else { return trial };
+    let Some(other) = escape_local_minimum(&trial.hypothesis, &context.floors) else { return trial };
     let better = compare(&other, &trial.hypothesis, context).total;
     said(&format!("   {} was in a false minimum: {better:.0} better", trial.candidate.effect));
     trial.gain = compare(&other, now, context).total;
