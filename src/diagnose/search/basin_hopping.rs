@@ -180,6 +180,7 @@ fn moved(problem: &Problem, from: &Point, step: &DVector<f64>) -> Point {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::criterion::Context;
     use crate::diagnose::judge::evidence::Ledger;
     use crate::identify::experiment::Recording;
     use crate::identify::synthesis::record;
