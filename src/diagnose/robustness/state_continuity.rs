@@ -222,6 +222,46 @@ mod tests {
         (from_rest - without) / (as_fitted - without)
     }
 
+    /// Part of a mode's gain that stays through four windows of half a second, if its deflection jumps by `jump` where each starts.
+    fn kept(jump: f64) -> f64 {
+        let bare = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
+            [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n[[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n";
+        let mode = "[[effect]]\neffect = \"link_flexibility\"\nat = \"q1\"\nfrequency = 2.0\ndamping = 0.02\nparticipation = 0.5\n";
+        let with_mode = format!("{bare}{mode}");
+        let start = |problem: &Problem| {
+            let mut at = problem.start();
+            (at.states[0][0], at.states[0][1]) = (0.3, 0.0);
+            for w in 1..at.states.len() {
+                at.states[w] = before(problem, &at, w).unwrap();
+                if let Some(deflection) = at.states[w].get_mut(problem.rigid(w)) {
+                    *deflection += if w % 2 == 0 { -jump } else { jump };
+                }
+            }
+            at
+        };
+        let fitted = |rig: &str, measured: Vec<f64>, states: Option<Vec<Vec<f64>>>| {
+            let problem = Problem::shaken(rig, Some(0.5), measured);
+            let mut at = start(&problem);
+            at.states = states.unwrap_or(at.states);
+            FittedModel::at(problem, at, DMatrix::zeros(0, 0), &[1e-5]).unwrap()
+        };
+        let unread = fitted(&with_mode, vec![0.0; 200], None);
+        let readings = |sign: f64| -> Vec<f64> { unread.residuals[0].concat().iter().map(|r| sign * r).collect() };
+        let rms = |h: &FittedModel| h.residuals[0].concat().iter().map(|r| r * r).sum::<f64>();
+        let exact = [1.0, -1.0].map(|sign| fitted(&with_mode, readings(sign), None));
+        let which = usize::from(rms(&exact[1]) < rms(&exact[0]));
+        let rigid = exact[which].point.states.iter().map(|state| state[..2].to_vec()).collect();
+        let plain = fitted(bare, readings([1.0, -1.0][which]), Some(rigid));
+        gain_ratio_with_continuous_states(&plain, &exact[which], &[1e-5]).unwrap()
+    }
+
+    #[test]
+    fn a_mode_that_goes_on_keeps_its_gain_through_a_whole_recording_and_one_that_jumps_at_each_window_does_not() {
+        let (steady, jumping) = (kept(0.0), kept(0.5));
+        assert!(steady > 0.95, "{steady}");
+        assert!(jumping < 0.5, "{jumping}");
+    }
+
     #[test]
     fn a_mode_that_its_link_drives_is_one_and_one_that_only_rings_on_is_shaken_from_elsewhere() {
         assert!(driven(0.2, 0.0) > 0.5, "driven");
