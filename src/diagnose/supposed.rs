@@ -8,10 +8,10 @@ use crate::diagnose::library::initial_guesses::candidates;
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::scales::scales;
 use crate::diagnose::screen::score_test::ScoreTest;
-use crate::diagnose::search::basin_hopping::escape_local_minimum;
+use crate::diagnose::search::basin_hopping::led_out;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::likelihood::{is_misfit, white};
+use crate::identify::likelihood::white;
 use crate::identify::rollout::Pooled;
 use crate::model::effect::EffectKind;
 use rayon::prelude::*;
@@ -76,9 +76,7 @@ pub fn with_supposed(base: &FittedModel, supposed: &Supposed, pooled: &Pooled, f
     let best = looks.into_iter().max_by(|a, b| total(a).total_cmp(&total(b)))?;
     let own = white(&best.residuals, floors);
     let best = best.polished(&own, floors, Limits::default()).unwrap_or(best);
-    let is_rough = is_misfit(&best.residuals, floors);
-    let other = if is_rough { escape_local_minimum(&best, floors) } else { None };
-    Some(other.filter(|other| total(other) > total(&best)).unwrap_or(best))
+    Some(led_out(best, &noise, floors))
 }
 
 #[cfg(test)]

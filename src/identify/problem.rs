@@ -94,6 +94,15 @@ impl Problem {
         Self { effort: Arc::new(Effort::of_at_most(most)), ..self }
     }
 
+    /// What comes of work with these windows that may cost `most`; what it costs is counted here. How far windows were when they gave
+    /// up is chance; the effort that is told is not.
+    pub fn at_most<T>(&self, most: u64, work: impl FnOnce(&Self) -> T) -> T {
+        let limited = self.clone().with_allowance(most);
+        let done = work(&limited);
+        self.effort.add(limited.effort.spent().min(limited.effort.patience()));
+        done
+    }
+
     /// The same with some of the windows.
     #[must_use]
     pub fn on_windows(&self, kept: &[usize]) -> Self {

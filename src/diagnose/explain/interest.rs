@@ -14,10 +14,10 @@ use crate::diagnose::library::candidate_fit::{CandidateFit, REFIT, SelectedEffec
 use crate::diagnose::nameless::residual_force::Unlisted;
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::robustness::instants::gain_beside_instants;
-use crate::diagnose::search::basin_hopping::escape_local_minimum;
+use crate::diagnose::search::basin_hopping::led_out;
 use crate::diagnose::sentence;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::likelihood::{is_misfit, white};
+use crate::identify::likelihood::white;
 use std::collections::BTreeMap;
 
 /// A force without a name, if it matters; else as what was only seen.
@@ -194,9 +194,7 @@ impl Kept {
         let from_base = self.refit_from_base(i, base, context);
         let total = |h: &FittedModel| -> f64 { h.blocks(&self.found.noise).iter().sum() };
         let best = beside.into_iter().chain(from_base).max_by(|a, b| total(a).total_cmp(&total(b)))?;
-        let is_rough = is_misfit(&best.residuals, &context.floors);
-        let other = if is_rough { escape_local_minimum(&best, &context.floors) } else { None };
-        Some(other.filter(|other| total(other) > total(&best)).unwrap_or(best))
+        Some(led_out(best, &self.found.noise, &context.floors))
     }
 
     fn refit_from_base(&self, i: usize, base: &FittedModel, context: &Context) -> Option<FittedModel> {

@@ -10,7 +10,7 @@
 use crate::diagnose::search::budget::{MOST_EFFORT, allowance};
 use crate::identify::fit::{Bound, FreeRuns, Limits, Point, cost, fit, present};
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::likelihood::squares;
+use crate::identify::likelihood::{is_misfit, squares};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use nalgebra::{DMatrix, DVector};
@@ -71,6 +71,14 @@ pub fn escape_local_minimum(now: &FittedModel, floors: &[f64]) -> Option<FittedM
     FittedModel::fitted(now.problem.clone(), best, &noise, floors, FINAL_FIT)
 }
 
+/// `of`, where it leaves misfit led out of the false minimum that it may stand in, if that is likelier under `noise`.
+#[must_use]
+pub fn led_out(of: FittedModel, noise: &[Colour], floors: &[f64]) -> FittedModel {
+    let total = |h: &FittedModel| -> f64 { h.blocks(noise).iter().sum() };
+    let other = if is_misfit(&of.residuals, floors) { escape_local_minimum(&of, floors) } else { None };
+    other.filter(|other| total(other) > total(&of)).unwrap_or(of)
+}
+
 /// The best of the fits from places around `at`, where the misfit is `least`.
 fn from_afar(
     problem: &Problem,
@@ -86,8 +94,8 @@ fn from_afar(
         [along.clone(), -along].into_iter().flat_map(|step| DISTANCES.map(|far| &step * (far * libm::sqrt(least))))
     });
     let places: Vec<Point> = steps.map(|step| moved(problem, at, &step)).collect();
-    let mut starts: Vec<(f64, Point)> =
-        places.into_par_iter().map(|p| (limited_cost(problem, &p, noise, most), p)).collect();
+    let price = |at: Point| (problem.at_most(most, |limited| cost(limited, &at, noise)), at);
+    let mut starts: Vec<(f64, Point)> = places.into_par_iter().map(price).collect();
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
     starts.truncate(TAKEN_UP);
     let bounds = problem.bounds();
@@ -118,18 +126,9 @@ fn from_held(problem: &Problem, at: &Point, noise: &[Colour], most: u64) -> Opti
     fits.into_iter().filter(|(cost, _)| cost.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-fn limited_cost(problem: &Problem, at: &Point, noise: &[Colour], most: u64) -> f64 {
-    let limited = problem.clone().with_allowance(most);
-    let found = cost(&limited, at, noise);
-    problem.effort.add(limited.effort.spent().min(limited.effort.patience()));
-    found
-}
-
 /// A few steps from `start`, at the price of `most` at most: from afar a play may chatter for minutes.
 fn short_fit(problem: &Problem, start: Point, bounds: &[Bound], noise: &[Colour], most: u64) -> (f64, Point) {
-    let limited = problem.clone().with_allowance(most);
-    let done = fit(&limited, start, bounds, noise, SHORT_FIT);
-    problem.effort.add(limited.effort.spent().min(limited.effort.patience()));
+    let done = problem.at_most(most, |limited| fit(limited, start, bounds, noise, SHORT_FIT));
     (done.cost, done.point)
 }
 

@@ -58,11 +58,8 @@ pub(in crate::diagnose) fn within(
     (noise, limits): (&[Colour], Limits),
     context: &Context,
 ) -> Option<FittedModel> {
-    let limited = problem.clone().with_allowance(most);
-    let fit = fit(&limited, point, &problem.bounds(), noise, limits);
-    // How far the windows were when they gave up is chance; the effort that is told is not.
-    base.problem.effort.add(limited.effort.spent().min(limited.effort.patience()));
     let problem = Problem { effort: Arc::clone(&base.problem.effort), ..problem };
+    let fit = problem.at_most(most, |limited| fit(limited, point, &problem.bounds(), noise, limits));
     let hypothesis =
         fit.cost.is_finite().then(|| FittedModel::at(problem, fit.point, fit.information, &context.floors))?;
     hypothesis.filter(|h| !has_slack_spring(&h.rig, context.given, h.problem.longest_s()))

@@ -46,8 +46,7 @@ fn has_dry_friction(of: &FittedModel) -> bool {
 }
 
 /// The likeliest of `of` and of the one among `all` numerics that the first steps of a fit recommend, fitted to its end. None may cost
-/// more than a candidate's start: friction that changes its sign within a tenth of the rate that a row changes makes a simulation stiff,
-/// and no simulator would take it.
+/// more than a candidate's start: a sign of friction that is sharp beside what a row changes makes a light machine stiff.
 fn likeliest(of: &FittedModel, all: impl Iterator<Item = Numerics>, context: &Context) -> FittedModel {
     let others: Vec<Numerics> = all.filter(|numerics| *numerics != of.rig.numerics).collect();
     let most = allowance_of_a_look(of);
