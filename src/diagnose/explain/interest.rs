@@ -193,8 +193,7 @@ impl Kept {
         let beside = refit_without(&self.found, context.given + i, &context.floors);
         let from_base = self.refit_from_base(i, base, context);
         let total = |h: &FittedModel| -> f64 { h.blocks(&self.found.noise).iter().sum() };
-        let best = beside.into_iter().chain(from_base).max_by(|a, b| total(a).total_cmp(&total(b)))?;
-        Some(led_out(best, &self.found.noise, &context.floors))
+        beside.into_iter().chain(from_base).max_by(|a, b| total(a).total_cmp(&total(b)))
     }
 
     fn refit_from_base(&self, i: usize, base: &FittedModel, context: &Context) -> Option<FittedModel> {
@@ -208,7 +207,10 @@ impl Kept {
         first.polished(&self.found.noise, &context.floors, REFIT)
     }
 
+    /// Goes on `without` effect `i`, led out of the false minimum in which an effect that stays would gain nothing.
     fn take_out(&mut self, i: usize, without: FittedModel, why: &str, context: &Context) {
+        let is_last = self.added.len() == 1;
+        let without = if is_last { without } else { led_out(without, &self.found.noise, &context.floors) };
         let Member { effect, at, parameters, .. } = member(&self.found.clone().with_intervals(), context.given + i);
         let share = explained_part(&without, &self.found, context);
         self.seen.push(Seen {

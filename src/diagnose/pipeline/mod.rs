@@ -64,9 +64,16 @@ pub fn diagnose(
     let began = Instant::now();
     let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
     let mut start = Start::of(experiment, options.seed, &mut said)?;
-    let mut selection = searched(experiment, &start, &mut said);
-    if start.takes_numerics_of(&selection, experiment, &mut said) {
-        selection = searched(experiment, &start, &mut said);
+    let mut other = None;
+    let shows_another = |found: &FittedModel| {
+        other = start.base_shown_by(found);
+        other.is_some()
+    };
+    let mut selection = searched(experiment, &start, shows_another, &mut said);
+    let is_explained = !selection.added.is_empty();
+    if let Some(base) = other.or_else(|| is_explained.then(|| start.base_shown_by(&selection.found))?) {
+        start.computes_as(base, experiment, &mut said);
+        selection = searched(experiment, &start, |_| false, &mut said);
     }
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
     let answer = finished(start.given.clone(), selection, options.least_share, &start.context, &mut said);
@@ -81,8 +88,13 @@ pub fn diagnose(
     Ok(Answer { findings, model: answer.model(experiment), comparisons: start.context.ledger.all() })
 }
 
-/// Forward selection over the library.
-fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) -> Selection {
+/// Forward selection over the library. `is_vain`: true of the fit with the first effect if the base is another one beside it.
+fn searched(
+    experiment: &Experiment,
+    start: &Start,
+    mut is_vain: impl FnMut(&FittedModel) -> bool,
+    said: &mut dyn FnMut(&str),
+) -> Selection {
     let Start { pooled, given, base, context, .. } = start;
     let library = |now: &FittedModel| {
         let Some(windows) = ltv_windows(now) else { return Vec::new() };
@@ -95,9 +107,9 @@ fn searched(experiment: &Experiment, start: &Start, said: &mut dyn FnMut(&str)) 
     };
     let also = given.as_ref().filter(|_| context.is_trapped).map(|given| given.counted_with(base));
     let rig = computing_as(&experiment.rig, base);
-    let all = forward((&rig, base), also.as_ref(), library, context, &mut *said);
+    let all = forward((&rig, base), also.as_ref(), library, &mut is_vain, context, &mut *said);
     let strict = if all.added.is_empty() { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
     said("what passes for noise is slower than noise: again without");
-    forward((&rig, &strict), None, library, context, said)
+    forward((&rig, &strict), None, library, &mut is_vain, context, said)
 }

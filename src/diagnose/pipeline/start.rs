@@ -7,10 +7,8 @@ use crate::diagnose::input_checks::at_bounds;
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::estimates::estimates;
 use crate::diagnose::judge::evidence::Ledger;
-use crate::diagnose::library::candidate_fit::refit_without;
 use crate::diagnose::robustness::held_out::HeldOut;
 use crate::diagnose::search::numerics::{with_likeliest_numerics, with_numerics};
-use crate::diagnose::search::stepwise::Selection;
 use crate::identify::base_fit::{as_given, fitted};
 use crate::identify::experiment::Experiment;
 use crate::identify::fit::Limits;
@@ -65,31 +63,14 @@ impl Start {
         Ok(start)
     }
 
-    /// True if what was selected shows other numerics of the simulation than the base alone did: then the search starts anew with these.
-    pub(super) fn takes_numerics_of(
-        &mut self,
-        selection: &Selection,
-        experiment: &Experiment,
-        said: &mut dyn FnMut(&str),
-    ) -> bool {
-        let found = Some(&selection.found).filter(|_| !selection.added.is_empty());
-        let asked = |found: &FittedModel| with_likeliest_numerics(found, &self.context);
-        // Numerics that were taken while something was missing may have stood for it, and what was found after it for what they left.
-        let is_taken = self.base.rig.numerics != experiment.rig.numerics;
-        let first = found.filter(|_| is_taken).and_then(|found| self.with_first_alone(found));
-        let other = first.as_ref().and_then(asked).or_else(|| found.and_then(asked));
-        let base = other.and_then(|other| with_numerics(&self.base, other.rig.numerics, &self.context));
-        base.map(|base| self.computes_as(base, experiment, said)).is_some()
-    }
-
-    /// `found` with the first effect that was added, without the others.
-    fn with_first_alone(&self, found: &FittedModel) -> Option<FittedModel> {
-        let mut others = (self.context.given + 1..found.rig.effects.len()).rev();
-        others.try_fold(found.clone(), |of, e| refit_without(&of, e, &self.context.floors))
+    /// The base with other numerics, if `found` shows them: the effects that were found beside it may have stood for these.
+    pub(super) fn base_shown_by(&self, found: &FittedModel) -> Option<FittedModel> {
+        let shown = with_likeliest_numerics(found, &self.context)?;
+        with_numerics(&self.base, shown.rig.numerics, &self.context)
     }
 
     /// From `base`, which is fitted with other numerics.
-    fn computes_as(&mut self, base: FittedModel, experiment: &Experiment, said: &mut dyn FnMut(&str)) {
+    pub(super) fn computes_as(&mut self, base: FittedModel, experiment: &Experiment, said: &mut dyn FnMut(&str)) {
         said(&numerics_told(base.rig.numerics));
         let rig = computing_as(&experiment.rig, &base);
         self.given = as_given(&rig, &base.problem.recordings, &self.pooled, &self.context.floors);

@@ -8,7 +8,8 @@
 
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::library::candidate_fit::REFIT;
-use crate::diagnose::search::budget::{allowance_of_a_look, within};
+use crate::diagnose::screen::score_test::ScoreTest;
+use crate::diagnose::search::budget::{allowance, allowance_of_a_look, within};
 use crate::identify::experiment::Recording;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
@@ -45,37 +46,43 @@ fn has_dry_friction(of: &FittedModel) -> bool {
     of.rig.effects.iter().any(|effect| is_dry(effect.kind))
 }
 
-/// The likeliest of `of` and of the one among `all` numerics that the first steps of a fit recommend, fitted to its end. None may cost
-/// more than a candidate's start: a sign of friction that is sharp beside what a row changes makes a light machine stiff.
+/// The likelier of `of` and of the one among `all` numerics that promises most, fitted. What one promises is linear around `of`: how its
+/// predictions move, its numbers following. None may cost more than a candidate: a sign of friction that is sharp beside what a row
+/// changes makes a light machine stiff.
 fn likeliest(of: &FittedModel, all: impl Iterator<Item = Numerics>, context: &Context) -> FittedModel {
     let others: Vec<Numerics> = all.filter(|numerics| *numerics != of.rig.numerics).collect();
-    let most = allowance_of_a_look(of);
-    let look = |numerics: Numerics| {
-        let (problem, start) = of.extended(Rig { numerics, ..of.rig.clone() });
-        within(most, of, problem, start, (&white(&of.residuals, &context.floors), LOOK), context)
-    };
-    let looks: Vec<FittedModel> = others.into_par_iter().filter_map(look).collect();
-    let best = looks.into_iter().max_by(|a, b| a.likelihood.total_cmp(&b.likelihood));
-    let best = best.filter(|look| look.likelihood > of.likelihood).and_then(|look| to_its_end(look, context));
+    let best = most_promising(of, &others, context).and_then(|numerics| with_numerics(of, numerics, context));
     best.filter(|best| best.likelihood > of.likelihood).unwrap_or_else(|| of.clone())
 }
 
-/// First steps of a fit with other numerics, from where the fit without them ended.
-const LOOK: Limits = Limits { iterations: 6, tolerance: 3e-4 };
+/// Which of `all` promises most, if that is more than chance.
+fn most_promising(of: &FittedModel, all: &[Numerics], context: &Context) -> Option<Numerics> {
+    let test = ScoreTest::new(&of.problem, &of.point, &white(&of.residuals, &context.floors))?;
+    let (plain, most) = (of.problem.predictions(&of.point)?, allowance_of_a_look(of));
+    let promise = |numerics: &Numerics| {
+        let (problem, at) = of.extended(Rig { numerics: *numerics, ..of.rig.clone() });
+        let mut change = problem.at_most(most, |limited| limited.predictions(&at))?;
+        let rows = change.iter_mut().flatten().flatten().zip(plain.iter().flatten().flatten());
+        rows.for_each(|(moved, from)| *moved -= from);
+        Some((*numerics, test.as_it_is(&change).1))
+    };
+    let promises: Vec<(Numerics, f64)> = all.par_iter().filter_map(promise).collect();
+    let (best, gain) = promises.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (gain > detection_threshold(context, 1)).then_some(best)
+}
 
-/// `of` fitted again with other numerics.
+/// `of` fitted again with other numerics, under white noise and then under its own.
 #[must_use]
 pub fn with_numerics(of: &FittedModel, numerics: Numerics, context: &Context) -> Option<FittedModel> {
     let (problem, start) = of.extended(Rig { numerics, ..of.rig.clone() });
+    let most = allowance(of);
     let noise = white(&of.residuals, &context.floors);
-    to_its_end(FittedModel::fitted(problem, start, &noise, &context.floors, Limits::default())?, context)
-}
-
-/// `first` fitted on, under white noise and then under its own.
-fn to_its_end(first: FittedModel, context: &Context) -> Option<FittedModel> {
-    let whiter = first.polished(&white(&first.residuals, &context.floors), &context.floors, Limits::default())?;
-    let finer = whiter.polished(&whiter.noise, &context.floors, REFIT);
-    Some(finer.filter(|finer| finer.likelihood > whiter.likelihood).unwrap_or(whiter))
+    let first = within(most, of, problem, start, (&noise, Limits::default()), context)?;
+    let (problem, point) = (first.problem.clone(), first.point.clone());
+    let whiter =
+        within(most, of, problem, point, (&white(&first.residuals, &context.floors), Limits::default()), context)?;
+    let finer = within(most, of, whiter.problem.clone(), whiter.point.clone(), (&whiter.noise, REFIT), context)?;
+    Some(if finer.likelihood > whiter.likelihood { finer } else { whiter })
 }
 
 #[cfg(test)]

@@ -157,11 +157,12 @@ fn refit_leaders_from_given(given: &Rig, all: &mut Selection, context: &Context)
 }
 
 /// Forward selection from `base`, which is `given` with its numbers fitted. `also`: another place from which the first effect
-/// is sought too.
+/// is sought too. `is_vain`: asked of the fit with the first effect; true ends the search.
 pub fn forward(
     (given, base): (&Rig, &FittedModel),
     also: Option<&FittedModel>,
     library: impl Fn(&FittedModel) -> Vec<Candidate>,
+    mut is_vain: impl FnMut(&FittedModel) -> bool,
     context: &Context,
     mut said: impl FnMut(&str),
 ) -> Selection {
@@ -183,7 +184,12 @@ pub fn forward(
         let left_out = OnceCell::new();
         match search.accepted(&left_out, said) {
             Some(i) if i > 0 && search.is_freed_by(i, said) => {}
-            Some(i) => search.add(i, said),
+            Some(i) => {
+                search.add(i, said);
+                if search.all.added.len() == 1 && is_vain(&search.all.found) {
+                    return search.all;
+                }
+            }
             None => {
                 let left_out = left_out.get().and_then(Option::as_ref);
                 if !search.adds_pair(left_out, said) {
