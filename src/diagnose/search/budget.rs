@@ -13,11 +13,14 @@ use std::sync::Arc;
 /// A search should end within this effort: some 30 s on two cores. Counted effort gives the same answer on any computer.
 pub(super) const MOST_EFFORT: u64 = 800_000_000;
 
+/// The work of a whole diagnosis: twice that of the search for effects, for exchanges and last fits.
+const ALL_EFFORT: u64 = 2 * MOST_EFFORT;
+
 /// A candidate's fit may cost so many linearisations of the model that it is added to. A stiff spring that is the answer
 /// takes up to 40 (ten times the steps, four linearisations); a play that chatters or a spring that runs off to a rod
 /// would take thousands. Who is cut off stands with what it has reached.
 const LINEARISATIONS: u64 = 100;
-/// The same when the search has gone on for long.
+/// The same when the search has gone on for long; less, down to a look, as all work nears its end.
 const LEAST_LINEARISATIONS: u64 = 40;
 
 /// Part of what is left of [`MOST_EFFORT`] that one fit may take: of the dozens of a round, few need their allowance.
@@ -27,8 +30,10 @@ const SHARE: u64 = 8;
 #[must_use]
 pub(in crate::diagnose) fn allowance(base: &FittedModel) -> u64 {
     let linearisation = base.cost_of_linearisation();
-    let share = MOST_EFFORT.saturating_sub(base.problem.effort.spent()) / SHARE;
-    share.clamp(LEAST_LINEARISATIONS * linearisation, LINEARISATIONS * linearisation)
+    let spent = base.problem.effort.spent();
+    let share = |all: u64| all.saturating_sub(spent) / SHARE;
+    let least = share(ALL_EFFORT).clamp(FIRST_ALLOWANCE * linearisation, LEAST_LINEARISATIONS * linearisation);
+    share(MOST_EFFORT).clamp(least, LINEARISATIONS * linearisation)
 }
 
 /// What a look at one start of a candidate may cost, by the linearisations of a fit that the answer itself may need: ten times the
@@ -41,11 +46,10 @@ pub(in crate::diagnose) fn allowance_of_a_look(base: &FittedModel) -> u64 {
     FIRST_ALLOWANCE * base.cost_of_linearisation()
 }
 
-/// True once the work of a whole diagnosis is spent: what stands is answered, and what was not tried is said. Twice that of the
-/// search for effects, for exchanges and last fits.
+/// True once the work of a whole diagnosis is spent: what stands is answered, and what was not tried is said.
 #[must_use]
 pub(in crate::diagnose) fn is_spent(of: &FittedModel) -> bool {
-    of.problem.effort.spent() > 2 * MOST_EFFORT
+    of.problem.effort.spent() > ALL_EFFORT
 }
 
 /// A fit that may cost `most`; what it costs is counted by `base`.
