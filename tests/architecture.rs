@@ -110,53 +110,46 @@ fn room_below(root: &Path, file: &Path) -> String {
     first.as_os_str().to_str().unwrap().trim_end_matches(".rs").to_owned()
 }
 
-#[test]
-fn rooms_import_only_lower_layers() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+/// Imports below `root` that are not `allowed` (room, target); `targets`: what a line imports; `aside`: files in no room.
+fn forbidden(
+    root: &Path,
+    aside: &[&str],
+    targets: impl Fn(&str) -> Vec<String>,
+    allowed: impl Fn(&str, &str) -> bool,
+) -> Vec<String> {
     let mut files = Vec::new();
-    sources(&root, &mut files);
-    let mut forbidden = Vec::new();
+    sources(root, &mut files);
+    let mut out = Vec::new();
     for file in files {
-        let inside = file.strip_prefix(&root).unwrap();
-        let room = &room_below(&root, &file);
-        if matches!(room.as_str(), "lib" | "main") {
+        let (inside, room) = (file.strip_prefix(root).unwrap(), room_below(root, &file));
+        if aside.contains(&room.as_str()) {
             continue;
         }
-        let text = fs::read_to_string(&file).unwrap();
-        for (number, line) in text.lines().enumerate() {
-            for target in targets(line) {
-                if !may_import(room, &target) {
-                    forbidden.push(format!("{}:{}: {room} -> {target}", inside.display(), number + 1));
-                }
+        for (number, line) in fs::read_to_string(&file).unwrap().lines().enumerate() {
+            for target in targets(line).into_iter().filter(|target| !allowed(&room, target)) {
+                out.push(format!("{}:{}: {room} -> {target}", inside.display(), number + 1));
             }
         }
     }
+    out
+}
+
+#[test]
+fn rooms_import_only_lower_layers() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let forbidden = forbidden(&root, &["lib", "main"], targets, may_import);
     assert!(forbidden.is_empty(), "forbidden imports:\n{}", forbidden.join("\n"));
 }
 
 #[test]
 fn rooms_of_the_diagnosis_import_only_lower_layers() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/diagnose");
-    let mut files = Vec::new();
-    sources(&root, &mut files);
-    let mut forbidden = Vec::new();
-    for file in files {
-        let room = room_below(&root, &file);
-        if room == "mod" {
-            continue;
-        }
-        let (text, own) = (fs::read_to_string(&file).unwrap(), layer_in(DIAGNOSE, &room));
-        for (number, line) in text.lines().enumerate() {
-            for target in targets_in_diagnose(line).into_iter().filter(|target| *target != room) {
-                let place = format!("{}:{}", file.strip_prefix(&root).unwrap().display(), number + 1);
-                assert!(!target.is_empty(), "{place}: one room a line, not a list of them");
-                if layer_in(DIAGNOSE, &target) >= own {
-                    forbidden.push(format!("{place}: {room} -> {target}"));
-                }
-            }
-        }
-    }
-    assert!(forbidden.is_empty(), "forbidden imports:\n{}", forbidden.join("\n"));
+    // A list of rooms in one line has no name, and is not allowed either.
+    let may_import = |room: &str, target: &str| {
+        target == room || !target.is_empty() && layer_in(DIAGNOSE, target) < layer_in(DIAGNOSE, room)
+    };
+    let forbidden = forbidden(&root, &["mod"], targets_in_diagnose, may_import);
+    assert!(forbidden.is_empty(), "forbidden imports, one room a line:\n{}", forbidden.join("\n"));
 }
 
 #[test]
