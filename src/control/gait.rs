@@ -52,6 +52,7 @@ impl Gait {
         match &own {
             Own::Virtual(_) => {
                 placement.landing.walk_as(Steady::of_virtual_constraint(&config.control.virtual_constraint));
+                placement.landing.brakes_at_once();
             }
             Own::Transverse(law) => placement.landing.walk_as(law.steady(placement.landing.leg_m())),
             Own::Placement | Own::Rebalance(_) => {}

@@ -6,6 +6,7 @@
 
 use super::floor::Floor;
 use super::pendulum::{KAPPA2, energy, passing_rad_s};
+use super::stance_toe::toward_share;
 use crate::config::checked::{Config, FootPlacement as Numbers, VirtualConstraint};
 use crate::model::compass_gait::impact;
 use crate::model::compass_gait::params::Normalised;
@@ -18,6 +19,8 @@ pub(super) struct Landing {
     leg_m: f64,
     numbers: Numbers,
     steady: Steady,
+    /// What the stance toe has made of a braking when the swing foot lands.
+    braked_share: f64,
     /// Gain of ξ² in a step that ends on each leg beyond the impact map's, rad²/s².
     gain: [f64; 2],
     /// What is aimed at beyond what the steady walk's numbers say, m/s.
@@ -92,6 +95,7 @@ impl Landing {
             leg_m: params.leg_length_m,
             numbers: config.control.foot_placement,
             steady: Steady::of_placement(&config.control.foot_placement),
+            braked_share: braked_share(&config.control.foot_placement),
             gain: [0.0; 2],
             faster_m_s: 0.0,
             floor: Floor::new(),
@@ -184,6 +188,11 @@ impl Landing {
         self.steady = steady;
     }
 
+    /// That law brakes from the beginning of its steps on.
+    pub(super) const fn brakes_at_once(&mut self) {
+        self.braked_share = 1.0;
+    }
+
     /// Foothold and push-off for a speed; a speed of zero asks for a foothold that the robot does not pass.
     pub(super) fn aim(&self, e: &Estimate, speed_m_s: f64) -> Foothold {
         let n = &self.numbers;
@@ -212,8 +221,18 @@ impl Landing {
     fn push(&self, e: &Estimate, wanted: f64, angle_rad: f64, steady_m: f64) -> (f64, f64) {
         let n = &self.numbers;
         let lacks = wanted - self.next_energy(e, angle_rad) - self.gain_of(e.stance.other());
-        let push_m = (steady_m + lacks / PUSH_GAIN).clamp(n.push_least_m, n.push_most_m);
-        (push_m, PUSH_GAIN * (push_m - steady_m))
+        let steady = self.push_worth(steady_m);
+        let wanted_m = (steady + lacks) / PUSH_GAIN;
+        let wanted_m = if wanted_m < 0.0 { wanted_m / self.braked_share } else { wanted_m };
+        let push_m = wanted_m.clamp(n.push_least_m, n.push_most_m);
+        (push_m, self.push_worth(push_m) - steady)
+    }
+
+    /// ξ² that a push-off of so many m is worth, rad²/s². Below zero the toe brakes, and begins late: what it will not have made
+    /// when the foot lands is not promised. It would be learnt as a gain of the robot, and answered by braking that comes as
+    /// little.
+    fn push_worth(&self, push_m: f64) -> f64 {
+        PUSH_GAIN * if push_m < 0.0 { self.braked_share * push_m } else { push_m }
     }
 
     /// How far ahead of the last foothold the new one is, m.
@@ -276,6 +295,11 @@ impl Landing {
         let after = impact::step(self.model(e.stance), &before);
         after.map_or(0.0, |[angle, _, rate, _]| rate * rate - KAPPA2 * angle * angle)
     }
+}
+
+/// Foot placement's stance toe brakes while the swing toe goes out, not before.
+fn braked_share(n: &Numbers) -> f64 {
+    toward_share(n.toe_bandwidth_rad_s, n.toe_out_s)
 }
 
 /// ξ² that a m of push-off is worth, rad²/s²: the hip's fall by it from one step to the next, 2 κ² over the height of the
@@ -395,6 +419,22 @@ mod tests {
         (0..20).for_each(|_| landing.learn_speed(&e, 0.5, 0.4));
         assert!(landing.aimed_m_s(0.4) < aimed_m_s - 0.1);
         assert!((landing.steady_rad(0.4) - angle_rad).abs() < 1e-12);
+    }
+
+    #[test]
+    fn braking_is_promised_for_what_the_toe_makes_of_it_and_the_foothold_makes_up_for_the_rest() {
+        let landing = landing();
+        let [steady_m, share] = [0.0, landing.braked_share];
+        let e = Estimate { theta_stance_rad_s: -0.2, ..Estimate::default() };
+        let as_it_is = landing.next_energy(&e, 0.15) + landing.gain_of(e.stance.other());
+        for lacks in [-0.03, 0.03] {
+            let (push_m, gain) = landing.push(&e, as_it_is + lacks, 0.15, steady_m);
+            let made_m = if lacks < 0.0 { share * push_m } else { push_m };
+            assert!((gain - lacks).abs() < 1e-12 && (gain - PUSH_GAIN * made_m).abs() < 1e-12, "{lacks}: {push_m}");
+        }
+        // Much too fast: the toe cannot make it, and nobody is told that it can.
+        let (push_m, gain) = landing.push(&e, as_it_is - 0.5, 0.15, steady_m);
+        assert!(push_m <= landing.numbers.push_least_m && (gain - share * PUSH_GAIN * push_m).abs() < 1e-12);
     }
 
     #[test]

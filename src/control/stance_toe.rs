@@ -31,6 +31,12 @@ impl StanceToe {
     }
 }
 
+/// Share of the way to a target that [`StanceToe::toward`] makes from rest in `time_s`.
+pub(super) fn toward_share(bandwidth_rad_s: f64, time_s: f64) -> f64 {
+    let turned = bandwidth_rad_s * time_s;
+    1.0 - (1.0 + turned) * libm::exp(-turned)
+}
+
 /// Toe lengths in the order of the drives.
 pub(super) const fn in_order(stance: Leg, stance_m: f64, swing_m: f64) -> [f64; TOES] {
     match stance {
@@ -46,5 +52,22 @@ pub(super) const fn by_stance(toes_m: &[f64; TOES], stance: Leg) -> (f64, f64) {
     match stance {
         Leg::Inner => (inner, outer),
         Leg::Outer => (outer, inner),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::time::Span;
+
+    #[test]
+    fn the_share_of_the_way_is_what_the_toe_makes_of_it() {
+        let (w, start) = (9.6, Stamp(0));
+        let mut toe = StanceToe::new(start, 0.02, 0.0);
+        for ms in 1..=400 {
+            let length_m = toe.toward(start + Span::from_ms(ms), 0.01, w);
+            let share = (0.02 - length_m) / 0.01;
+            assert!((share - toward_share(w, 1e-3 * ms as f64)).abs() < 0.01, "{ms} ms: {share}");
+        }
     }
 }
