@@ -7,8 +7,8 @@
 //! RT: no.
 
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
+use crate::diagnose::judge::evidence::form_samples;
 use crate::diagnose::library::candidate_fit::REFIT;
-use crate::diagnose::screen::score_test::ScoreTest;
 use crate::diagnose::search::budget::{allowance, allowance_of_a_look, within};
 use crate::identify::experiment::Recording;
 use crate::identify::fit::Limits;
@@ -46,30 +46,35 @@ fn has_dry_friction(of: &FittedModel) -> bool {
     of.rig.effects.iter().any(|effect| is_dry(effect.kind))
 }
 
-/// The likelier of `of` and of the one among `all` numerics that promises most, fitted. What one promises is linear around `of`: how its
-/// predictions move, its numbers following. None may cost more than a candidate: a sign of friction that is sharp beside what a row
+/// `of`, or fitted again with the one among `all` numerics that first steps on some windows recommend, if that is likelier. How a simulator
+/// computes shows in every window alike. No look may cost more than a candidate's: a sign of friction that is sharp beside what a row
 /// changes makes a light machine stiff.
+///
+/// One linear step says nothing here: what a step of a row makes of two links that whirl is far from small.
 fn likeliest(of: &FittedModel, all: impl Iterator<Item = Numerics>, context: &Context) -> FittedModel {
-    let others: Vec<Numerics> = all.filter(|numerics| *numerics != of.rig.numerics).collect();
-    let best = most_promising(of, &others, context).and_then(|numerics| with_numerics(of, numerics, context));
-    best.filter(|best| best.likelihood > of.likelihood).unwrap_or_else(|| of.clone())
+    let others = all.filter(|numerics| *numerics != of.rig.numerics);
+    let numerics: Vec<Numerics> = std::iter::once(of.rig.numerics).chain(others).collect();
+    let few = of.on_windows(&some_windows(of));
+    let (most, noise) = (allowance_of_a_look(&few), white(&of.residuals, &context.floors));
+    let look = |numerics: Numerics| {
+        let (problem, start) = few.extended(Rig { numerics, ..few.rig.clone() });
+        within(most, &few, problem, start, (&noise, LOOK), context)
+    };
+    let looks: Vec<FittedModel> = numerics.into_par_iter().filter_map(look).collect();
+    let best = looks.into_iter().max_by(|a, b| a.likelihood.total_cmp(&b.likelihood));
+    let other = best.map(|look| look.rig.numerics).filter(|numerics| *numerics != of.rig.numerics);
+    let fitted = other.and_then(|numerics| with_numerics(of, numerics, context));
+    fitted.filter(|fitted| fitted.likelihood > of.likelihood).unwrap_or_else(|| of.clone())
 }
 
-/// Which of `all` promises most, if that is more than chance.
-fn most_promising(of: &FittedModel, all: &[Numerics], context: &Context) -> Option<Numerics> {
-    let test = ScoreTest::new(&of.problem, &of.point, &white(&of.residuals, &context.floors))?;
-    let (plain, most) = (of.problem.predictions(&of.point)?, allowance_of_a_look(of));
-    let promise = |numerics: &Numerics| {
-        let (problem, at) = of.extended(Rig { numerics: *numerics, ..of.rig.clone() });
-        let mut change = problem.at_most(most, |limited| limited.predictions(&at))?;
-        let rows = change.iter_mut().flatten().flatten().zip(plain.iter().flatten().flatten());
-        rows.for_each(|(moved, from)| *moved -= from);
-        Some((*numerics, test.as_it_is(&change).1))
-    };
-    let promises: Vec<(Numerics, f64)> = all.par_iter().filter_map(promise).collect();
-    let (best, gain) = promises.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    (gain > detection_threshold(context, 1)).then_some(best)
+/// Windows of `of` at even distances with the samples beyond which more make no form truer.
+fn some_windows(of: &FittedModel) -> Vec<usize> {
+    let every = ((of.samples() as f64 / form_samples()) as usize).max(1);
+    (0..of.problem.windows.len()).step_by(every).collect()
 }
+
+/// First steps of a fit with other numerics, from where the fit without them ended.
+const LOOK: Limits = Limits { iterations: 6, tolerance: 3e-4 };
 
 /// `of` fitted again with other numerics, under white noise and then under its own.
 #[must_use]
