@@ -1,7 +1,9 @@
 //! L7: what physics is missing in a simulation, from recordings (diagnosis contract, schema 1).
 //!
 //! # The walk
-//! 1. [`pipeline`]: the base fit ([`base_model`], [`base_fit`]), outliers left out, the noise that it leaves ([`likelihood`]).
+//! 1. [`pipeline`]: the base fit ([`base_model`], [`base_fit`]), outliers left out, the noise that it leaves ([`likelihood`]), and
+//!    the steps and the smooth sign of friction of the simulator that made the recordings, if one did ([`numerics`]). These are asked
+//!    again beside the first effect, and beside all that was selected; if others are likelier there, the search starts anew with them.
 //! 2. [`search`], [`stepwise`]: forward selection. In a [`round`] every candidate of the [`library`] ([`candidates`],
 //!    [`initial_guesses`]) is scored by what one linear step promises ([`screen`], [`score_test`]); the best are fitted in full,
 //!    jointly with all base parameters.
@@ -87,6 +89,7 @@
 //! [`laws`]: explain::laws
 //! [`likelihood`]: crate::identify::likelihood
 //! [`localise`]: explain::localise
+//! [`numerics`]: search::numerics
 //! [`pairwise_exchange`]: search::pairwise_exchange
 //! [`pooling_test`]: nameless::pooling_test
 //! [`residual_force`]: nameless::residual_force

@@ -226,12 +226,6 @@ impl Problem {
         out.channels.iter().flatten().all(|y| y.is_finite()).then_some(out.channels)
     }
 
-    /// What each sensor reads in the runs of all windows: per window, per channel, per row; `None` if one fails.
-    #[must_use]
-    pub fn predictions(&self, at: &Point) -> Option<Vec<Vec<Vec<f64>>>> {
-        (0..self.windows.len()).into_par_iter().map(|w| self.readings(w, at)).collect()
-    }
-
     /// Brings the states of `point` to the length that this problem's rig has: new inner states start as guessed.
     #[must_use]
     pub fn adapted(&self, point: &Point) -> Vec<Vec<f64>> {

@@ -8,13 +8,14 @@ use crate::identify::covariance::Change;
 use crate::identify::experiment::Recording;
 use crate::identify::fit::Point;
 use crate::identify::problem::Problem;
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Changes of the predictions at `at` when all commands act a row later, and when each sensor reads a row later. Empty if a
 /// run leaves the finite numbers.
 #[must_use]
 pub fn one_row_later(problem: &Problem, at: &Point) -> Vec<Change> {
-    let Some(plain) = problem.predictions(at) else { return Vec::new() };
+    let Some(plain) = readings(problem, at) else { return Vec::new() };
     let sensors = problem.rig.sensors.len();
     let reading = |sensor: usize| -> Change {
         let of_window = |window: &Vec<Vec<f64>>| {
@@ -24,12 +25,17 @@ pub fn one_row_later(problem: &Problem, at: &Point) -> Vec<Change> {
         plain.iter().map(of_window).collect()
     };
     let mut out: Vec<Change> = (0..sensors).map(reading).collect();
-    if let Some(late) = commanded_later(problem).predictions(at).filter(|_| !problem.rig.actuators.is_empty()) {
+    if let Some(late) = readings(&commanded_later(problem), at).filter(|_| !problem.rig.actuators.is_empty()) {
         let apart = |(a, b): (&Vec<f64>, &Vec<f64>)| a.iter().zip(b).map(|(a, b)| a - b).collect();
         let window = |(a, b): (&Vec<Vec<f64>>, &Vec<Vec<f64>>)| a.iter().zip(b).map(apart).collect();
         out.push(late.iter().zip(&plain).map(window).collect());
     }
     out
+}
+
+/// Predictions of all windows.
+fn readings(problem: &Problem, at: &Point) -> Option<Vec<Vec<Vec<f64>>>> {
+    (0..problem.windows.len()).into_par_iter().map(|w| problem.readings(w, at)).collect()
 }
 
 /// From each row to the next; the last rises as the one before.
