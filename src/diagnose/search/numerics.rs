@@ -7,13 +7,15 @@
 //! RT: no.
 
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
-use crate::diagnose::judge::evidence::form_samples;
 use crate::diagnose::library::candidate_fit::REFIT;
+use crate::diagnose::screen::subsample::few;
 use crate::diagnose::search::budget::{allowance, allowance_of_a_look, within};
 use crate::identify::experiment::Recording;
-use crate::identify::fit::Limits;
+use crate::identify::fit::{Limits, Point};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{is_misfit, white};
+use crate::identify::noise::Colour;
+use crate::identify::problem::Problem;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Numerics, Rig};
 use rayon::prelude::*;
@@ -54,7 +56,8 @@ fn has_dry_friction(of: &FittedModel) -> bool {
 fn likeliest(of: &FittedModel, all: impl Iterator<Item = Numerics>, context: &Context) -> FittedModel {
     let others = all.filter(|numerics| *numerics != of.rig.numerics);
     let numerics: Vec<Numerics> = std::iter::once(of.rig.numerics).chain(others).collect();
-    let few = of.on_windows(&some_windows(of));
+    let kept = few(&of.problem, context.samples).unwrap_or_else(|| (0..of.problem.windows.len()).collect());
+    let few = of.on_windows(&kept);
     let (most, noise) = (allowance_of_a_look(&few), white(&of.residuals, &context.floors));
     let look = |numerics: Numerics| {
         let (problem, start) = few.extended(Rig { numerics, ..few.rig.clone() });
@@ -62,32 +65,37 @@ fn likeliest(of: &FittedModel, all: impl Iterator<Item = Numerics>, context: &Co
     };
     let looks: Vec<FittedModel> = numerics.into_par_iter().filter_map(look).collect();
     let best = looks.into_iter().max_by(|a, b| a.likelihood.total_cmp(&b.likelihood));
-    let other = best.map(|look| look.rig.numerics).filter(|numerics| *numerics != of.rig.numerics);
-    let fitted = other.and_then(|numerics| with_numerics(of, numerics, context));
+    let other = best.filter(|look| look.rig.numerics != of.rig.numerics);
+    let fitted = other.and_then(|look| {
+        let (problem, mut start) = of.extended(Rig { numerics: look.rig.numerics, ..of.rig.clone() });
+        start.parameters.clone_from(&look.point.parameters);
+        kept.iter().zip(look.point.states).for_each(|(w, state)| start.states[*w] = state);
+        to_its_end(of, problem, start, context)
+    });
     fitted.filter(|fitted| fitted.likelihood > of.likelihood).unwrap_or_else(|| of.clone())
-}
-
-/// Windows of `of` at even distances with the samples beyond which more make no form truer.
-fn some_windows(of: &FittedModel) -> Vec<usize> {
-    let every = ((of.samples() as f64 / form_samples()) as usize).max(1);
-    (0..of.problem.windows.len()).step_by(every).collect()
 }
 
 /// First steps of a fit with other numerics, from where the fit without them ended.
 const LOOK: Limits = Limits { iterations: 6, tolerance: 3e-4 };
 
-/// `of` fitted again with other numerics, under white noise and then under its own.
+/// `of` fitted again with other numerics.
 #[must_use]
 pub fn with_numerics(of: &FittedModel, numerics: Numerics, context: &Context) -> Option<FittedModel> {
     let (problem, start) = of.extended(Rig { numerics, ..of.rig.clone() });
+    to_its_end(of, problem, start, context)
+}
+
+/// `problem`, which is that of `of` with other numerics, fitted under white noise and then under its own.
+fn to_its_end(of: &FittedModel, problem: Problem, start: Point, context: &Context) -> Option<FittedModel> {
     let most = allowance(of);
-    let noise = white(&of.residuals, &context.floors);
-    let first = within(most, of, problem, start, (&noise, Limits::default()), context)?;
-    let (problem, point) = (first.problem.clone(), first.point.clone());
-    let whiter =
-        within(most, of, problem, point, (&white(&first.residuals, &context.floors), Limits::default()), context)?;
-    let finer = within(most, of, whiter.problem.clone(), whiter.point.clone(), (&whiter.noise, REFIT), context)?;
-    Some(if finer.likelihood > whiter.likelihood { finer } else { whiter })
+    let fitted = |problem: Problem, start: Point, noise: &[Colour], limits: Limits| {
+        within(most, of, problem, start, (noise, limits), context)
+    };
+    let first = fitted(problem, start, &white(&of.residuals, &context.floors), Limits::default())?;
+    let noise = white(&first.residuals, &context.floors);
+    let whiter = fitted(first.problem.clone(), first.point, &noise, Limits::default())?;
+    let finer = fitted(whiter.problem.clone(), whiter.point.clone(), &whiter.noise, REFIT);
+    Some(finer.filter(|finer| finer.likelihood > whiter.likelihood).unwrap_or(whiter))
 }
 
 #[cfg(test)]
@@ -95,8 +103,6 @@ mod tests {
     use super::*;
     use crate::diagnose::judge::evidence::Ledger;
     use crate::identify::experiment::Recording;
-    use crate::identify::noise::Colour;
-    use crate::identify::problem::Problem;
     use crate::identify::synthesis::record;
 
     const LINKS: &str = "mechanism = \"double_pendulum\"\n[parameters]\ninertia1_kg_m2 = 0.02\ninertia2_kg_m2 = 0.055\n\
