@@ -86,13 +86,21 @@ pub struct Kept {
     pub added: Vec<SelectedEffect>,
     /// What does not, in the order in which it was taken out.
     pub seen: Vec<Seen>,
+    /// The best models without each of `added`, once they were asked for.
+    without: Vec<Option<FittedModel>>,
 }
 
 impl Kept {
     /// Everything that was added.
     #[must_use]
     pub fn all(found: FittedModel, added: Vec<SelectedEffect>) -> Self {
-        Self { found, added, seen: Vec::new() }
+        Self { found, added, seen: Vec::new(), without: Vec::new() }
+    }
+
+    /// Nothing, in the place of all that was added; what was seen stays.
+    #[must_use]
+    pub fn nothing(self, base: &FittedModel) -> Self {
+        Self { seen: self.seen, ..Self::all(base.clone(), Vec::new()) }
     }
 
     /// Takes out, one by one, the effects whose strength is not told from nothing. Of two that share what they explain the first
@@ -107,7 +115,7 @@ impl Kept {
             if self.replace_by_determined(i, context) {
                 continue;
             }
-            let Some(without) = self.without(i, base, context) else { break };
+            let Some(without) = self.refit_without(i, base, context) else { break };
             self.take_out(i, without, REACHES_NOTHING, context);
         }
         self
@@ -124,9 +132,10 @@ impl Kept {
         self
     }
 
-    fn worst_refuted(&self, base: &FittedModel, context: &Context) -> Option<Refuted> {
+    fn worst_refuted(&mut self, base: &FittedModel, context: &Context) -> Option<Refuted> {
+        self.ask_without(base, context);
         let one = |effect: usize| {
-            let (candidate, without) = (&self.added[effect].candidate, self.without(effect, base, context)?);
+            let (candidate, without) = (&self.added[effect].candidate, self.without[effect].clone()?);
             let numbers = candidate.keys.len();
             let gain = compare(&self.found, &without, context).total;
             let told = Confirmation::of_candidate(
@@ -152,8 +161,9 @@ impl Kept {
     #[must_use]
     pub fn of_interest(mut self, least: f64, base: &FittedModel, context: &Context) -> Self {
         loop {
+            self.ask_without(base, context);
             let part = |i: usize| {
-                let without = self.without(i, base, context)?;
+                let without = self.without[i].clone()?;
                 Some((i, explained_part(&without, &self.found, context), without))
             };
             let parts = (0..self.added.len()).filter_map(part);
@@ -180,13 +190,21 @@ impl Kept {
         let candidate = std::mem::replace(&mut added.candidate, candidate);
         added.gain = gain;
         self.found = hypothesis;
+        self.without.clear();
         // The undetermined one is no member of the set either: it goes for good.
         added.others.retain(|t| !t.candidate.is_same_as(&candidate));
         true
     }
 
+    /// Fits the models without each of the effects, if what was found has changed since.
+    fn ask_without(&mut self, base: &FittedModel, context: &Context) {
+        if self.without.len() != self.added.len() {
+            self.without = (0..self.added.len()).map(|i| self.refit_without(i, base, context)).collect();
+        }
+    }
+
     /// The best model without effect `i`: from where the others stand, and from the base's numbers, as they may have bent to it.
-    fn without(&self, i: usize, base: &FittedModel, context: &Context) -> Option<FittedModel> {
+    fn refit_without(&self, i: usize, base: &FittedModel, context: &Context) -> Option<FittedModel> {
         if self.added.len() == 1 {
             return Some(base.clone());
         }
@@ -222,6 +240,7 @@ impl Kept {
         });
         self.added.remove(i);
         self.found = without;
+        self.without.clear();
     }
 
     fn describe(&self, i: usize, context: &Context) -> String {

@@ -38,21 +38,22 @@ pub(super) fn finished(
     let kept = Kept::all(found, added).without_undetermined(&base, context);
     let undetermined_only = kept.seen.len();
     // Before what is left is asked: a name that is refuted does not answer for what it stood for.
-    let Kept { found, added, seen } = kept.without_refuted(&base, context);
-    said(&format!("what is left, {}", effort(&found)));
-    let strict = without_slow_noise(&base, &last, context).or_else(|| as_leader_hears(&base, &added, &last, context));
-    let rest = unexplained(&found, strict.as_ref().unwrap_or(&base), context, said);
+    let kept = kept.without_refuted(&base, context);
+    said(&format!("what is left, {}", effort(&kept.found)));
+    let strict =
+        without_slow_noise(&base, &last, context).or_else(|| as_leader_hears(&base, &kept.added, &last, context));
+    let rest = unexplained(&kept.found, strict.as_ref().unwrap_or(&base), context, said);
     let replaced = rest.as_ref().is_some_and(|(_, instead)| *instead);
-    let (found, added) = if replaced { (base.clone(), Vec::new()) } else { (found, added) };
+    let kept = if replaced { kept.nothing(&base) } else { kept };
     let rest = rest.map(|(unlisted, _)| unlisted);
-    let (found, added, rest) = match no_common_machine(&base, &found, &context.floors) {
-        Some(unlisted) => (base.clone(), Vec::new(), Some(unlisted)),
+    let (kept, rest) = match no_common_machine(&base, &kept.found, &context.floors) {
+        Some(unlisted) => (kept.nothing(&base), Some(unlisted)),
         None => {
-            let rest = rest.or_else(|| if added.is_empty() { unfollowed(&base, &context.floors) } else { None });
-            (found, added, rest)
+            let nothing_fits = || if kept.added.is_empty() { unfollowed(&base, &context.floors) } else { None };
+            let rest = rest.or_else(nothing_fits);
+            (kept, rest)
         }
     };
-    let kept = Kept { found, added, seen };
     let Kept { found, added, mut seen, .. } = kept.of_interest(least_share, &base, context);
     // What recordings kept back refute is nothing, unless the base leaves what is no noise.
     let told = if is_misfit(&base.residuals, &context.floors) { seen.len() } else { undetermined_only };
