@@ -220,14 +220,22 @@ class Symplectic:
 
 # ---------------------------------------------------------------- what is hidden
 
-def drawn_effect(rng, joints, scale, step_s):
+def drawn_effect(rng, mechanism, scale, step_s):
     """One hidden effect at the last joint: contract id, place, keys, and what it does in the loop."""
+    joints = joints_of(mechanism)
     j = len(joints) - 1
     at, force = joints[j], scale[j]
-    kind = rng.choice([
+    kinds = [
         "actuator_lag", "transport_delay", "torque_limit", "quadratic_drag", "parallel_spring", "torque_offset",
         "sensor_lag", "sensor_scale", "sensor_bias", "torque_ripple", "encoder_eccentricity",
-    ])
+    ]
+    waves = 1
+    if mechanism == "slider":
+        # Where nothing depends on the position its zero shows nowhere, and its scale is the mass's; half a metre is no part of an
+        # encoder's turn, nor of a ripple with a few waves per rad: a ball screw has them every 6 to 17 cm here.
+        kinds = [k for k in kinds if k not in ("sensor_bias", "sensor_scale", "encoder_eccentricity")]
+        waves = 12
+    kind = rng.choice(kinds)
     command, sensor = f"u_{at}", f"{at}_pos"
     draw = {
         "actuator_lag": lambda: (command, {"time_constant": rng.uniform(0.005, 0.03)}),
@@ -240,7 +248,7 @@ def drawn_effect(rng, joints, scale, step_s):
         "sensor_scale": lambda: (sensor, {"scale": rng.uniform(0.9, 1.1)}),
         "sensor_bias": lambda: (sensor, {"bias": rng.uniform(0.02, 0.08) * rng.choice([-1, 1])}),
         "torque_ripple": lambda: (
-            at, {"amplitude": force * rng.uniform(0.03, 0.1), "order": int(rng.integers(3, 9)), "phase": rng.uniform(-3, 3)}),
+            at, {"amplitude": force * rng.uniform(0.03, 0.1), "order": waves * int(rng.integers(3, 9)), "phase": rng.uniform(-3, 3)}),
         "encoder_eccentricity": lambda: (sensor, {"amplitude": rng.uniform(0.01, 0.04), "phase": rng.uniform(-3, 3)}),
     }
     at, keys = draw[kind]()
@@ -332,7 +340,7 @@ def write_case(rng, folder, truth, name, engines, ill):
     engine = engines[int(rng.integers(len(engines)))]
     simulator = engine(kind, numbers, extra, friction, rng, step_s)
     joints = joints_of(kind)
-    hidden = drawn_effect(rng, joints, scale, step_s) if ill else None
+    hidden = drawn_effect(rng, kind, scale, step_s) if ill else None
     runs = [record(rng, simulator, (joints, scale, step_s, kind), hidden, 6.0) for _ in range(3)]
     has_rate = rng.random() < 0.5
     form = str(rng.choice(NOISE))
