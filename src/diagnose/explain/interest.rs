@@ -5,7 +5,7 @@
 //! RT: no.
 
 use crate::diagnose::explain::answer_sets::member;
-use crate::diagnose::judge::accept::{is_admissible, strength_is_undetermined};
+use crate::diagnose::judge::accept::{is_admissible, is_at_bound, strength_is_undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::judge::numbers::{GREATER_PART, TOUCHDOWN_S};
@@ -44,6 +44,7 @@ pub fn undetermined(added: &[SelectedEffect], seen: &[Seen], least: f64) -> Opti
 /// Why an effect that was found is not named.
 const TOO_SMALL: &str = "too small to matter";
 const REACHES_NOTHING: &str = "its 95 % interval reaches nothing";
+const AT_ITS_EDGE: &str = "a number of it ran to the edge of its range";
 const REFUTED: &str = "recordings that were not fitted speak against it";
 const CHANCE: &str = "beside the others it gains no more than chance";
 const WITHIN_ITS_ROW: &str = "commands, readings and forces that go with rates are known to a row, touchdowns to some milliseconds, and that explains it";
@@ -103,20 +104,24 @@ impl Kept {
         Self { seen: self.seen, ..Self::all(base.clone(), Vec::new()) }
     }
 
-    /// Takes out, one by one, the effects whose strength is not told from nothing. Of two that share what they explain the first
-    /// goes, and the other is asked again alone.
+    /// Takes out, one by one, the effects whose strength is not told from nothing, or a number of which ran to the edge of its range in
+    /// the last fits. Of two that share what they explain the first goes, and the other is asked again alone.
     #[must_use]
     pub fn without_undetermined(mut self, base: &FittedModel, context: &Context) -> Self {
         let undetermined = |of: &Self| {
             let known = of.found.clone().with_intervals();
-            (0..of.added.len()).rev().find(|i| strength_is_undetermined(&known, context.given + i))
+            let why = |e: usize| {
+                let reaches_nothing = strength_is_undetermined(&known, e).then_some(REACHES_NOTHING);
+                reaches_nothing.or_else(|| is_at_bound(&known.rig.effects[e]).then_some(AT_ITS_EDGE))
+            };
+            (0..of.added.len()).rev().find_map(|i| Some((i, why(context.given + i)?)))
         };
-        while let Some(i) = undetermined(&self) {
+        while let Some((i, why)) = undetermined(&self) {
             if self.replace_by_determined(i, context) {
                 continue;
             }
             let Some(without) = self.refit_without(i, base, context) else { break };
-            self.take_out(i, without, REACHES_NOTHING, context);
+            self.take_out(i, without, why, context);
         }
         self
     }

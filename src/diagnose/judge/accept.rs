@@ -63,19 +63,19 @@ pub fn is_significant(candidate: &Candidate, sure: Difference) -> bool {
     sure.low > 0.0 || candidate.only.is_some() && sure.total > 0.0
 }
 
-/// A number at the edge of the range in which it was sought was not found (the design's "no bound hit"): a resonance
-/// there stands for a slower or faster motion that is none, one without damping for a vibration from elsewhere, a
-/// memory as long as a window for the start of each window. Nothing at all is no such edge.
+/// A number at the edge of the range in which it was sought was not found (the design's "no bound hit"): a memory as long as a
+/// window stands for the start of each window. Of what rings all numbers count: a resonance at the edge stands for a slower or faster
+/// motion that is none, one without damping for a vibration from elsewhere, one that is damped as much as may be, or whose rotor
+/// weighs nothing, for a lag. Nothing at all is no such edge.
 #[must_use]
 pub fn is_at_bound(effect: &Effect) -> bool {
     let hits = |value: &Value| {
         let at = |bound: f64| bound != 0.0 && (value.value / bound - 1.0).abs() < FORM;
         value.bounds.is_some_and(|b| at(b.min) || at(b.max))
     };
-    let resonance =
-        effect.get("frequency").is_some_and(|f| hits(&f) || effect.get("damping").is_some_and(|d| hits(&d)));
-    let strength = |(key, value): (&Key, &Value)| matches!(key.role, Role::Strength(_)) && hits(value);
-    resonance || effect.kind.keys().iter().zip(&effect.values).any(strength)
+    let rings = effect.get("damping").is_some();
+    let counts = |key: &Key| rings || matches!(key.role, Role::Strength(_));
+    effect.kind.keys().iter().zip(&effect.values).any(|(key, value)| counts(key) && hits(value))
 }
 
 /// True if `trial` explains enough and holds on recordings that it was not fitted to. `all`: the trials of its round; `kept`: asked
@@ -190,6 +190,16 @@ mod tests {
     fn a_memory_at_the_end_of_its_range_was_not_found_but_none_is_none() {
         let lag = |x: f64| Effect::new(EffectKind::SensorLag, "q", vec![Value::free(x, 0.0, 0.01)]);
         assert!(is_at_bound(&lag(0.01)) && !is_at_bound(&lag(0.006)) && !is_at_bound(&lag(0.0)));
+    }
+
+    #[test]
+    fn an_elastic_joint_that_rings_undamped_or_does_not_ring_or_has_no_rotor_was_not_found() {
+        let elastic = |damping: f64, rotor: f64| {
+            let values = [(9.0, 1e-3, 1e3), (damping, 1e-6, 0.5), (rotor, 1e-4, 0.1)];
+            let free = values.map(|(value, min, max)| Value::free(value, min, max));
+            is_at_bound(&Effect::new(EffectKind::JointElasticity, "q1", free.to_vec()))
+        };
+        assert!(elastic(1e-6, 0.003) && elastic(0.5, 0.003) && elastic(0.01, 1e-4) && !elastic(0.01, 0.003));
     }
 
     #[test]
