@@ -300,11 +300,13 @@ impl<S: Scalar> Plant<S> {
         stages: &mut Stages<S>,
         work: &mut Work<S>,
     ) {
-        // The walker's count, known to the compiler: its loops were half of the step.
-        if self.n == WALKER {
-            self.step_of::<WALKER>(start, h, end, stages, work);
-        } else {
-            self.step_of::<0>(start, h, end, stages, work);
+        // The count known to the compiler: its loops were half of the walker's step.
+        match self.n {
+            1 => self.step_of::<1>(start, h, end, stages, work),
+            2 => self.step_of::<2>(start, h, end, stages, work),
+            3 => self.step_of::<3>(start, h, end, stages, work),
+            WALKER => self.step_of::<WALKER>(start, h, end, stages, work),
+            _ => self.step_of::<0>(start, h, end, stages, work),
         }
     }
 
