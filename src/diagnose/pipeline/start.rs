@@ -121,9 +121,9 @@ mod tests {
     use crate::identify::synthesis::record;
 
     /// Two links, the second on the first; `moment2` is free.
-    fn links(moment2: f64) -> Rig {
+    fn links(inertia2: &str, moment2: f64) -> Rig {
         let text = format!(
-            "schema = 1\nmechanism = \"double_pendulum\"\n[parameters]\ninertia1_kg_m2 = 0.012\ninertia2_kg_m2 = 0.055\n\
+            "schema = 1\nmechanism = \"double_pendulum\"\n[parameters]\ninertia1_kg_m2 = 0.012\ninertia2_kg_m2 = {inertia2}\n\
              moment1_kg_m = 0.07\nmoment2_kg_m = {{ value = {moment2}, min = 0.1, max = 0.5 }}\nmass2_kg = 1.1\n\
              length1_m = 0.25\ngravity_m_s2 = 9.81\n\
              [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 1.0\n\
@@ -134,17 +134,30 @@ mod tests {
         Rig::parse(&text, "rig.toml").unwrap()
     }
 
-    #[test]
-    fn numbers_as_given_of_no_body_are_fitted_again_and_told() {
+    /// What a search starts from where the recording is of `moment2` .22 and `inertia2` .055, and `given` is the rig.
+    fn start(given: Rig) -> Start {
         let times: Vec<f64> = (0..150).map(|k| f64::from(k) * 0.01).collect();
         let inputs = vec![times.iter().map(|t| 0.3 * libm::sin(9.0 * t)).collect()];
         let mut recording = Recording::new("a.csv", times, inputs, Vec::new());
-        recording.measured = record(&links(0.22), &recording, &[0.2, -0.1], Some(1)).unwrap().measured;
+        recording.measured = record(&links("0.055", 0.22), &recording, &[0.2, -0.1], Some(1)).unwrap().measured;
+        Start::of(&Experiment { rig: given, recordings: vec![recording] }, 0, &mut |_| {}).unwrap()
+    }
+
+    #[test]
+    fn numbers_as_given_of_no_body_are_fitted_again_and_told() {
         // (length1 moment2)² is more than (inertia1 + mass2 length1²) inertia2: no mass matrix.
-        let experiment = Experiment { rig: links(0.28), recordings: vec![recording] };
-        let start = Start::of(&experiment, 0, &mut |_| {}).unwrap();
+        let start = start(links("0.055", 0.28));
         assert!(start.given.is_none());
         let moment2 = estimates(&start.base)[0].1.value;
         assert!((moment2 / 0.22 - 1.0).abs() < 0.02, "{moment2}");
+    }
+
+    #[test]
+    fn where_all_numbers_times_a_factor_are_of_no_body_either_one_of_them_moves_alone() {
+        let start = start(links("{ value = 0.042, min = 0.02, max = 0.1 }", 0.263));
+        assert!(start.given.is_none());
+        let found: Vec<f64> = estimates(&start.base).iter().map(|(_, of)| of.value).collect();
+        let [inertia2, moment2] = found[..] else { panic!("{found:?}") };
+        assert!((0.25 * moment2) * (0.25 * moment2) < (0.012 + 1.1 * 0.0625) * inertia2, "{found:?}");
     }
 }
