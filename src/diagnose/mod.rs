@@ -69,7 +69,8 @@
 //! - *Twins*: effects that no motion tells apart. *Limit*: an effect that another one contains with one number less.
 //! - *Score test*: gain of adding a signal, linear around the base, with base parameters and window states following.
 //! - *LTV window*: the base's run made linear, row by row. *Continuity*: inner states of a window start where the one before ended.
-//! - *Leave one recording out*: base and candidate fitted to the others, compared on the one left out.
+//! - *Leave one recording out*: base and candidate fitted to the others, compared on the one left out; of a single recording, a stretch of
+//!   its windows.
 //!
 //! RT: no.
 //!

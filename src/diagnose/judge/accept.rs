@@ -79,7 +79,8 @@ pub fn is_at_bound(effect: &Effect) -> bool {
 }
 
 /// True if `trial` explains enough and holds on recordings that it was not fitted to. `all`: the trials of its round; `kept`: asked
-/// last, the part of its gain that it keeps when each recording is predicted from the others (`None`: there is but one).
+/// last, the part of its gain that it keeps when each recording, or each stretch of the only one, is predicted from the others
+/// (`None`: there is but one window).
 pub fn is_accepted(
     now: &FittedModel,
     (trial, all): (&CandidateFit, &[CandidateFit]),

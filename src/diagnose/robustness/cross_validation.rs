@@ -1,8 +1,8 @@
 //! Left-out recordings: does an effect help where it was not fitted?
 //!
-//! Every fit recording (or group of them) is left out in turn, base and extended model are fitted to the others from
-//! where they stand, and both run free on the one left out, its initial states fitted. An effect that mimics something
-//! else gains where it was tuned and fails there.
+//! Every fit recording (or group of them; of a single recording every stretch of windows) is left out in turn, base and extended
+//! model are fitted to the others from where they stand, and both run free on the one left out, its initial states fitted. An
+//! effect that mimics something else gains where it was tuned and fails there.
 //! RT: no.
 
 use crate::diagnose::screen::subsample::few;
@@ -22,34 +22,30 @@ const FOLDS: usize = 6;
 const REST_FIT: Limits = Limits { iterations: 4, tolerance: 1e-4 };
 
 /// A model whose recordings are left out in turn: what any richer one is measured against.
-pub struct LeaveOneRecordingOut {
+pub struct CrossValidation {
     plain: FittedModel,
     /// Windows that are looked at, if not all.
     kept: Option<Vec<usize>>,
     noise: Vec<Colour>,
-    /// What is left out, and the likelihood of `plain` there.
+    /// Which windows are left out, and the likelihood of `plain` there.
     folds: Vec<(Vec<bool>, Option<f64>)>,
 }
 
-impl LeaveOneRecordingOut {
-    /// `None` with one recording.
+impl CrossValidation {
+    /// `None` with one window.
     #[must_use]
     pub fn of(plain: &FittedModel, floors: &[f64]) -> Option<Self> {
-        let recordings = plain.problem.recordings.len();
-        if recordings < 2 {
-            return None;
-        }
         let kept = few(&plain.problem, samples(&plain.residuals, floors));
         let plain = kept.as_ref().map_or_else(|| plain.clone(), |kept| plain.on_windows(kept));
         let noise = white(&plain.residuals, floors);
-        let count = recordings.min(FOLDS);
+        let (fold_of, count) = folds(&plain.problem);
         let one = |fold: usize| {
-            let out: Vec<bool> = (0..recordings).map(|r| r % count == fold).collect();
+            let out: Vec<bool> = fold_of.iter().map(|of| *of == fold).collect();
             let there = predicted(&plain, &out, &noise, floors);
             (out, there)
         };
         let folds = (0..count).into_par_iter().map(one).collect();
-        Some(Self { plain, kept, noise, folds })
+        (count > 1).then_some(Self { plain, kept, noise, folds })
     }
 
     /// Part of the gain of `richer` over the plain model that is left when each recording is predicted from the others.
@@ -68,14 +64,25 @@ impl LeaveOneRecordingOut {
     }
 }
 
-/// Twice the log-likelihood of the recordings in `out` under a model that was fitted to the others.
+/// The fold of each window, and how many there are.
+fn folds(problem: &Problem) -> (Vec<usize>, usize) {
+    let (recordings, windows) = (problem.recordings.len(), problem.windows.len());
+    if recordings > 1 {
+        let count = recordings.min(FOLDS);
+        return (problem.windows.iter().map(|(r, _)| r % count).collect(), count);
+    }
+    let count = windows.min(FOLDS);
+    ((0..windows).map(|w| w * count / windows).collect(), count)
+}
+
+/// Twice the log-likelihood of the windows in `out` under a model that was fitted to the others.
 fn predicted(of: &FittedModel, out: &[bool], noise: &[Colour], floors: &[f64]) -> Option<f64> {
-    let (rest, at) = part(of, |r| !out[r]);
+    let (rest, at) = part(of, |w| !out[w]);
     let bounds = rest.bounds();
     // The loss must suit the model's own misfit, or a rich model would be fitted to nothing but its best stretches.
     let own = white(&of.residuals, floors);
     let shared = fit(&rest, at, &bounds, &own, REST_FIT).point.parameters;
-    let (left, at) = part(of, |r| out[r]);
+    let (left, at) = part(of, |w| out[w]);
     let rig = left.rig_at(&shared);
     let held = left.with_rig(known(&rig));
     let states = fit_states(&held, at.states, &own, REST_FIT);
@@ -83,9 +90,38 @@ fn predicted(of: &FittedModel, out: &[bool], noise: &[Colour], floors: &[f64]) -
     Some(blocks(&residuals, noise).iter().sum())
 }
 
-/// The problem on some of the recordings, and where it stands.
+/// The problem on some of the windows, and where it stands.
 fn part(of: &FittedModel, wanted: impl Fn(usize) -> bool) -> (Problem, Point) {
-    let kept: Vec<usize> = (0..of.problem.windows.len()).filter(|w| wanted(of.problem.windows[*w].0)).collect();
+    let kept: Vec<usize> = (0..of.problem.windows.len()).filter(|w| wanted(*w)).collect();
     let states = kept.iter().map(|w| of.point.states[*w].clone()).collect();
     (of.problem.on_windows(&kept), Point { parameters: of.point.parameters.clone(), states })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::library::worked::{FLOORS, hiding};
+
+    const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
+
+    /// `of` in windows of half a second.
+    fn in_windows(of: &FittedModel) -> FittedModel {
+        let problem = of.problem.with_horizon(0.5);
+        let noise = vec![Colour::white(0.001)];
+        let start = problem.start();
+        FittedModel::fitted(problem, start, &noise, &FLOORS, Limits::default()).unwrap()
+    }
+
+    #[test]
+    fn of_a_single_recording_windows_are_left_out_and_what_is_there_holds_in_them() {
+        let truth = hiding(&format!("{DRAG}0.004\n"));
+        let free = format!("{DRAG}{{ value = 0.001, min = 0.0, max = 0.1 }}\n");
+        let [plain, drag] = [truth.fitted("", 10), truth.fitted(&free, 10)].map(|whole| in_windows(&whole));
+        assert!(CrossValidation::of(&truth.fitted("", 10), &FLOORS).is_none(), "one window");
+        let left_out = CrossValidation::of(&plain, &FLOORS).unwrap();
+        assert_eq!(left_out.folds.len(), plain.problem.windows.len());
+        assert!(left_out.folds.iter().all(|(out, _)| out.iter().filter(|out| **out).count() == 1));
+        let kept = left_out.cross_validated_gain_ratio(&drag, &FLOORS).unwrap();
+        assert!(kept > 0.7, "{kept}");
+    }
 }

@@ -9,7 +9,7 @@ use crate::diagnose::judge::numbers::QUARTER;
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
 use crate::diagnose::library::candidate_fit::CandidateFit;
 use crate::diagnose::library::candidates::Candidate;
-use crate::diagnose::robustness::cross_validation::LeaveOneRecordingOut;
+use crate::diagnose::robustness::cross_validation::CrossValidation;
 use crate::diagnose::search::budget::MOST_EFFORT;
 use crate::diagnose::search::round::{Asked, round, tell};
 use crate::diagnose::search::runners_up::{COMPANIONS, LEADS};
@@ -22,7 +22,7 @@ pub(super) fn add_jointly(
     found: &FittedModel,
     last: &[CandidateFit],
     library: &dyn Fn(&FittedModel) -> Vec<Candidate>,
-    left_out: &LeaveOneRecordingOut,
+    left_out: &CrossValidation,
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> Option<[CandidateFit; 2]> {
@@ -54,8 +54,7 @@ pub(super) fn add_jointly(
         let kept = left_out.cross_validated_gain_ratio(&second.hypothesis, &context.floors).unwrap_or(0.0);
         said(&format!("   with {} both keep {kept:.2} of their gain on recordings left out", second.candidate.effect));
         let alone = || {
-            LeaveOneRecordingOut::of(now, &context.floors)?
-                .cross_validated_gain_ratio(&second.hypothesis, &context.floors)
+            CrossValidation::of(now, &context.floors)?.cross_validated_gain_ratio(&second.hypothesis, &context.floors)
         };
         if kept >= QUARTER && is_accepted(now, (second, &seconds), leader.gain, alone, context, said) {
             return Some([leader.clone(), second.clone()]);

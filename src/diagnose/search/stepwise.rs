@@ -12,7 +12,7 @@ use crate::diagnose::judge::numbers::{GREATER_PART, LOCAL_TERMS};
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::library::candidates::Candidate;
-use crate::diagnose::robustness::cross_validation::LeaveOneRecordingOut;
+use crate::diagnose::robustness::cross_validation::CrossValidation;
 use crate::diagnose::search::basin_hopping::escape_local_minimum;
 use crate::diagnose::search::budget::{MOST_EFFORT, allowance, is_spent, within};
 use crate::diagnose::search::exchange::exchange_near_rivals;
@@ -343,11 +343,7 @@ impl<'s> Search<'s> {
 
     /// The first of the best candidates of the round that is accepted, and still admissible when it is fitted to the end; one that
     /// then runs to its bound leaves the round. `left_out`: made when needed.
-    fn accepted(
-        &mut self,
-        left_out: &OnceCell<Option<LeaveOneRecordingOut>>,
-        said: &mut dyn FnMut(&str),
-    ) -> Option<usize> {
+    fn accepted(&mut self, left_out: &OnceCell<Option<CrossValidation>>, said: &mut dyn FnMut(&str)) -> Option<usize> {
         let mut i = 0;
         let most = self.all.last.first().map_or(0.0, |t| t.gain);
         while i < self.all.last.len() {
@@ -387,16 +383,11 @@ impl<'s> Search<'s> {
         kinds.len()
     }
 
-    fn is_believed(
-        &self,
-        i: usize,
-        left_out: &OnceCell<Option<LeaveOneRecordingOut>>,
-        said: &mut dyn FnMut(&str),
-    ) -> bool {
+    fn is_believed(&self, i: usize, left_out: &OnceCell<Option<CrossValidation>>, said: &mut dyn FnMut(&str)) -> bool {
         let (now, all, context) = (&self.all.found, &self.all.last[..], self.context);
         let trial = &all[i];
         let kept = || {
-            let left_out = left_out.get_or_init(|| LeaveOneRecordingOut::of(now, &context.floors)).as_ref();
+            let left_out = left_out.get_or_init(|| CrossValidation::of(now, &context.floors)).as_ref();
             left_out.and_then(|l| l.cross_validated_gain_ratio(&trial.hypothesis, &context.floors))
         };
         !has_unresolved_order(now, trial, all, context)
@@ -414,7 +405,7 @@ impl<'s> Search<'s> {
     }
 
     /// True if two candidates that hide each other were added together.
-    fn adds_pair(&mut self, left_out: Option<&LeaveOneRecordingOut>, said: &mut dyn FnMut(&str)) -> bool {
+    fn adds_pair(&mut self, left_out: Option<&CrossValidation>, said: &mut dyn FnMut(&str)) -> bool {
         let left_out = left_out.filter(|_| self.all.added.is_empty() && self.has_time());
         let Some(pair) =
             left_out.and_then(|l| add_jointly(&self.all.found, &self.all.last, self.library, l, self.context, said))
