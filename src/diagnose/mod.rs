@@ -12,8 +12,8 @@
 //! 3. [`pairwise_exchange`], [`exchange`], [`converge_rivals`]: neighbours of the selected model, each kept if better.
 //! 4. [`nameless`], [`residual_force`]: does a force without a name ([`force_patterns`]) say more ([`free_curve`], [`change_point`])? Are all recordings of one
 //!    machine ([`pooling_test`])?
-//! 5. [`robustness`], [`interest`]: what is too small to matter, not told from nothing, explained by instants within their rows ([`instants`]), or
-//!    refuted where it was not fitted ([`held_out`]), is seen and not named.
+//! 5. [`robustness`], [`interest`]: what is too small to matter, not told from nothing, at the edge of the range in which it was
+//!    sought, explained by instants within their rows ([`instants`]), or refuted where it was not fitted ([`held_out`]), is seen and not named.
 //! 6. [`validation`]: free runs on recordings that were never fitted; [`explain`]: [`answer_sets`], [`localise`], [`laws`], [`sentence`],
 //!    [`tables`], [`headline`]: the answer in numbers, curves and words.
 //!

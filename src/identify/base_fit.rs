@@ -68,19 +68,18 @@ pub fn fitted(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f6
     let best = better(grown, direct);
     let is_slow = best.as_ref().is_none_or(|h| h.noise.iter().any(|colour| memory(colour) > SLOW));
     let starts = if is_slow { &ELSEWHERE[..] } else { &[] };
-    let fits = |rigs: Vec<Rig>| -> Vec<Option<FittedModel>> {
-        rigs.into_par_iter().map(|rig| settled(&full.with_rig(rig), &rough, floors)).collect()
+    let best_of = |best, starts: Vec<Rig>| {
+        let fits = starts.into_par_iter().map(|rig| settled(&full.with_rig(rig), &rough, floors));
+        fits.collect::<Vec<_>>().into_iter().fold(best, |best, other| better(other, best))
     };
-    let others = fits(starts.iter().map(|factor| moved(rig, *factor, |_| true)).collect());
-    let best = others.into_iter().fold(best, |best, other| better(other, best));
+    let best = best_of(best, starts.iter().map(|factor| moved(rig, *factor, |_| true)).collect());
     if best.is_some() {
         return best;
     }
-    // No run survives: the numbers as given may be those of no body (two links whose mass matrix is none). One of them at a time, then.
+    // No run survives: perhaps no rigid body has the numbers as given (two links whose mass matrix is not positive definite). Then one of
+    // them is moved at a time.
     let one_moved = |slot: Slot| ELSEWHERE.map(|factor| moved(rig, factor, |other| other == slot));
-    fits(rig.slots().into_iter().flat_map(one_moved).collect())
-        .into_iter()
-        .fold(None, |best, other| better(other, best))
+    best_of(None, rig.slots().into_iter().flat_map(one_moved).collect())
 }
 
 /// The likelier of two, if there are two; the second where they are alike.

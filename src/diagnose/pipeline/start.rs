@@ -20,7 +20,8 @@ use crate::model::rig::{Numerics, Rig};
 use std::sync::Arc;
 
 /// What to say of numbers as given that no run survives.
-pub(super) const RUNS_AWAY: &str = "with the numbers as given the simulation runs away; they may be those of no body";
+pub(super) const RUNS_AWAY: &str =
+    "with the numbers as given the simulation runs away; perhaps no rigid body has such masses and inertias";
 
 /// What a search starts from.
 pub(super) struct Start {
