@@ -6,13 +6,14 @@ use super::accept::is_significant;
 use super::criterion::{Context, compare, detection_threshold};
 use super::evidence::{Comparison, Evidence};
 use super::numbers::{CLEAR_LEAD, GREATER_PART, NEARLY_ALL};
-use super::simplicity::LIMITS_OF;
+use super::simplicity::{LIMITS_OF, penalty};
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::library::candidates::Candidate;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::Difference;
 
-/// True if `rival` should stand in the place of `added`, whose gain is `kept`.
+/// True if `rival` should stand in the place of `added`, whose gain is `kept`: clearly ahead, and by more than what it has more numbers
+/// gain by chance.
 #[must_use]
 pub fn takes_its_place(
     found: &FittedModel,
@@ -24,7 +25,9 @@ pub fn takes_its_place(
     let richer = LIMITS_OF.contains(&(added.candidate.effect, rival.candidate.effect));
     let least = if richer { (1.0 - NEARLY_ALL) * kept } else { 0.0 };
     let gain = -compare(found, &rival.hypothesis, context).total;
-    let by_rule = gain > least.max(CLEAR_LEAD);
+    let own = penalty(&added.candidate, found, context);
+    let price = (penalty(&rival.candidate, &rival.hypothesis, context) - own).max(0.0);
+    let by_rule = gain > least.max(CLEAR_LEAD + price);
     let evidence = Evidence::over(found, &rival.hypothesis, gain, 0);
     context.ledger.note(Comparison {
         question: "exchange",

@@ -5,6 +5,8 @@
 use super::criterion::{Context, detection_threshold};
 use super::numbers::NEARLY_ALL;
 use crate::diagnose::library::candidate_fit::CandidateFit;
+use crate::diagnose::library::candidates::Candidate;
+use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::is_misfit;
 
 /// An effect that is the limit of another: the other, with one number more, must gain clearly more to be is_accepted.
@@ -36,7 +38,7 @@ pub fn order_by_penalised_gain(trials: &mut Vec<CandidateFit>, context: &Context
         let simple = trials.remove(i);
         std::mem::replace(&mut trials[0], simple)
     });
-    let net = |t: &CandidateFit| t.gain - penalty(t, context);
+    let net = |t: &CandidateFit| t.gain - penalty(&t.candidate, &t.hypothesis, context);
     let best = trials.iter().enumerate().max_by(|a, b| net(a.1).total_cmp(&net(b.1))).map_or(0, |(i, _)| i);
     trials[..=best].rotate_right(1);
     // Next to it, for the contest among the best few.
@@ -45,10 +47,11 @@ pub fn order_by_penalised_gain(trials: &mut Vec<CandidateFit>, context: &Context
     }
 }
 
-/// What a trial's numbers are detection_threshold by chance, in twice the log-likelihood.
-fn penalty(trial: &CandidateFit, context: &Context) -> f64 {
-    let numbers = trial.candidate.keys.iter().filter(|k| k.max > k.min).count() as f64;
-    let states = trial.hypothesis.point.states.iter().map(Vec::len).sum::<usize>() as f64;
+/// What the numbers of `candidate` and the initial states of `fit` gain by chance, in twice the log-likelihood (Schwarz 1978).
+#[must_use]
+pub fn penalty(candidate: &Candidate, fit: &FittedModel, context: &Context) -> f64 {
+    let numbers = candidate.keys.iter().filter(|k| k.max > k.min).count() as f64;
+    let states = fit.point.states.iter().map(Vec::len).sum::<usize>() as f64;
     numbers * libm::log(context.samples.max(2) as f64) + states
 }
 
