@@ -6,6 +6,7 @@ use super::criterion::Context;
 use super::numbers::GREATER_PART;
 use crate::diagnose::library::candidate_fit::CandidateFit;
 use crate::diagnose::library::candidates::Candidate;
+use crate::diagnose::robustness::held_out::Confirmation;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::is_misfit;
 use crate::model::effect::EffectKind;
@@ -21,11 +22,19 @@ pub fn is_local_term(rig: &Rig, kind: EffectKind) -> bool {
     }
 }
 
-/// True for less than half a wave of a ripple, and for a push or a jump where more than noise stays: they fit a piece of any smooth misfit.
+/// True for less than half a wave of a ripple, and for what is local where more than noise stays: they fit a piece of any smooth
+/// misfit. What lasts is believed even so if recordings kept back bear it out.
 #[must_use]
 pub fn is_overly_flexible(base: &FittedModel, trial: &CandidateFit, context: &Context) -> bool {
     let in_misfit = || is_misfit(&trial.hypothesis.residuals, &context.floors);
-    periods(base, trial) < GREATER_PART || is_local_here(base, &trial.candidate) && in_misfit()
+    periods(base, trial) < GREATER_PART
+        || is_local_here(base, &trial.candidate) && in_misfit() && !is_borne_out(base, trial, context)
+}
+
+/// True if recordings kept back speak for what `trial` adds to `base`; of an event they say nothing.
+fn is_borne_out(base: &FittedModel, trial: &CandidateFit, context: &Context) -> bool {
+    let told = || Confirmation::on_kept_back(&trial.hypothesis, base, context.held_out.as_deref(), &context.floors);
+    trial.candidate.only.is_none() && told().is_some_and(|told| told.bears_out(context))
 }
 
 /// Periods of a trial's ripple within the travel; infinite for other effects.
