@@ -199,7 +199,7 @@ fn orders(scales: &Scales, joint: usize) -> Vec<f64> {
 const LOUDER: [f64; 3] = [1.0, 3.0, GENTLE];
 
 /// Orders of a scan that are handed on: where the base is far from the truth, the order of a ripple is not the best.
-const ORDERS: usize = 3;
+const ORDERS: usize = 6;
 
 fn ripple_candidates(scales: &Scales, screens: [&ScoreTest; 2], windows: &[LtvWindow], joint: usize) -> Vec<Candidate> {
     let orders = orders(scales, joint);
