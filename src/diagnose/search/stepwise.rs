@@ -7,7 +7,7 @@
 use crate::diagnose::judge::accept::{is_accepted, is_admissible};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
 use crate::diagnose::judge::exchange::only_freed_the_fit;
-use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here};
+use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here, is_overly_flexible};
 use crate::diagnose::judge::numbers::{GREATER_PART, LOCAL_TERMS};
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
@@ -31,7 +31,8 @@ use std::cell::OnceCell;
 pub const MOST_EFFECTS: usize = 4;
 
 /// Candidates of a round, best first, that are asked whether they are believed; others are if they gain nearly as much as the first, of so
-/// many kinds (ripples of several orders are one), or were runners-up of the round before.
+/// many kinds (ripples of several orders are one), or were runners-up of the round before. What fits a piece of any misfit is not asked,
+/// and takes no place.
 const TRIED: usize = 3;
 
 /// Samples of which a last look at what is promised takes less than a second.
@@ -344,11 +345,12 @@ impl<'s> Search<'s> {
     /// The first of the best candidates of the round that is accepted, and still admissible when it is fitted to the end; one that
     /// then runs to its bound leaves the round. `left_out`: made when needed.
     fn accepted(&mut self, left_out: &OnceCell<Option<CrossValidation>>, said: &mut dyn FnMut(&str)) -> Option<usize> {
-        let mut i = 0;
-        let most = self.all.last.first().map_or(0.0, |t| t.gain);
-        while i < self.all.last.len() {
-            if !self.is_asked(i, most) || !self.is_believed(i, left_out, said) {
-                i += 1;
+        let mut asked = self.in_question();
+        let most = asked.first().map_or(0.0, |i| self.all.last[*i].gain);
+        let mut place = 0;
+        while let Some(&i) = asked.get(place) {
+            place += 1;
+            if !self.is_asked(&asked[..place], most) || !self.is_believed(i, left_out, said) {
                 continue;
             }
             match fitted_to_the_end(&self.all.found, &self.all.last[i], self.context) {
@@ -359,25 +361,36 @@ impl<'s> Search<'s> {
                 None => {
                     let dropped = self.all.last.remove(i);
                     said(&format!("   {} runs to its bound when it is fitted on", dropped.candidate.effect));
+                    place -= 1;
+                    asked = self.in_question();
                 }
             }
         }
         None
     }
 
-    /// True if candidate `i` of the round, in which the first gains `most`, is asked whether it is believed.
-    fn is_asked(&self, i: usize, most: f64) -> bool {
-        let trial = &self.all.last[i];
-        let is_runner_up = || self.near.iter().any(|start| start.candidate.is_same_as(&trial.candidate));
-        i < TRIED || trial.gain > GREATER_PART * most && self.kinds_before(i) < TRIED || is_runner_up()
+    /// The candidates of the round, best first, that do not fit a piece of anything.
+    fn in_question(&self) -> Vec<usize> {
+        let (now, all, context) = (&self.all.found, &self.all.last[..], self.context);
+        let is_told = |trial: &CandidateFit| {
+            !is_overly_flexible(now, trial, context) && !has_unresolved_order(now, trial, all, context)
+        };
+        (0..all.len()).filter(|i| is_told(&all[*i])).collect()
     }
 
-    /// Effects and places among the candidates of the round that are ahead of candidate `i`, its own not counted.
-    fn kinds_before(&self, i: usize) -> usize {
-        let own = &self.all.last[i].candidate;
-        let mut kinds: Vec<(&str, &str)> =
-            self.all.last[..i].iter().map(|t| (t.candidate.effect, t.candidate.at.as_str())).collect();
-        kinds.retain(|kind| *kind != (own.effect, own.at.as_str()));
+    /// True if the last of `so_far`, the candidates in question of which the first gains `most`, is asked whether it is believed.
+    fn is_asked(&self, so_far: &[usize], most: f64) -> bool {
+        let Some((i, before)) = so_far.split_last() else { return false };
+        let trial = &self.all.last[*i];
+        let is_runner_up = || self.near.iter().any(|start| start.candidate.is_same_as(&trial.candidate));
+        let is_near = || trial.gain > GREATER_PART * most && self.other_kinds(*i, before) < TRIED;
+        before.len() < TRIED || is_near() || is_runner_up()
+    }
+
+    /// Effects and places of the candidates `before`, that of candidate `i` not counted.
+    fn other_kinds(&self, i: usize, before: &[usize]) -> usize {
+        let kind = |i: usize| (self.all.last[i].candidate.effect, self.all.last[i].candidate.at.as_str());
+        let mut kinds: Vec<(&str, &str)> = before.iter().map(|other| kind(*other)).filter(|k| *k != kind(i)).collect();
         kinds.sort_unstable();
         kinds.dedup();
         kinds.len()
@@ -390,8 +403,7 @@ impl<'s> Search<'s> {
             let left_out = left_out.get_or_init(|| CrossValidation::of(now, &context.floors)).as_ref();
             left_out.and_then(|l| l.cross_validated_gain_ratio(&trial.hypothesis, &context.floors))
         };
-        !has_unresolved_order(now, trial, all, context)
-            && is_accepted(now, (trial, all), self.explained, kept, context, said)
+        is_accepted(now, (trial, all), self.explained, kept, context, said)
     }
 
     /// Adds candidate `i` of the round, and asks those before it again.
