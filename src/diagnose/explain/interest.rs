@@ -11,10 +11,12 @@ use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::judge::numbers::{GREATER_PART, TOUCHDOWN_S};
 use crate::diagnose::judge::verdict::{Member, Seen, is_material};
 use crate::diagnose::library::candidate_fit::{CandidateFit, REFIT, SelectedEffect, refit_without};
+use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::nameless::residual_force::Unlisted;
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::robustness::instants::gain_beside_instants;
 use crate::diagnose::search::basin_hopping::led_out;
+use crate::diagnose::search::kept_back_exchange::exchange_by_kept_back;
 use crate::diagnose::sentence;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::white;
@@ -135,6 +137,22 @@ impl Kept {
             self.take_out(effect, without, why, context);
         }
         self
+    }
+
+    /// Exchanges effects for lookalikes that recordings kept back bear out against them; these are asked as the others were.
+    #[must_use]
+    pub fn exchanged_by_kept_back(
+        mut self,
+        base: &FittedModel,
+        library: &dyn Fn(&FittedModel) -> Vec<Candidate>,
+        context: &Context,
+        said: &mut dyn FnMut(&str),
+    ) -> Self {
+        if !exchange_by_kept_back(&mut self.found, &mut self.added, library, context, said) {
+            return self;
+        }
+        self.without.clear();
+        self.without_undetermined(base, context).without_refuted(base, context)
     }
 
     fn worst_refuted(&mut self, base: &FittedModel, context: &Context) -> Option<Refuted> {

@@ -11,15 +11,10 @@ use crate::diagnose::input_checks::contradicted;
 use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
 use crate::diagnose::judge::verdict::Findings;
-use crate::diagnose::library::initial_guesses::candidates;
-use crate::diagnose::screen::linearise::ltv_windows;
-use crate::diagnose::screen::scales::scales;
-use crate::diagnose::screen::score_test::ScoreTest;
+use crate::diagnose::library::candidate_fit::CandidateFit;
 use crate::diagnose::search::stepwise::{Selection, forward};
 use crate::identify::experiment::Experiment;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::likelihood::white;
-use crate::identify::noise::Colour;
 use crate::identify::outliers::cleaned;
 use crate::model::rig::Rig;
 use stages::{finished, without_slow_noise};
@@ -69,14 +64,15 @@ pub fn diagnose(
         other = start.base_shown_by(found);
         other.is_some()
     };
-    let mut selection = searched(experiment, &start, shows_another, &mut said);
+    let mut selection = searched(experiment, &start, Vec::new(), shows_another, &mut said);
     let is_explained = !selection.added.is_empty();
     if let Some(base) = other.or_else(|| is_explained.then(|| start.base_shown_by(&selection.found))?) {
         start.computes_as(base, experiment, &mut said);
-        selection = searched(experiment, &start, |_| false, &mut said);
+        let stood = start.each_alone(&selection);
+        selection = searched(experiment, &start, stood, |_| false, &mut said);
     }
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
-    let answer = finished(start.given.clone(), selection, options.least_share, &start.context, &mut said);
+    let answer = finished(&start, selection, options.least_share, &|now| start.library(now), &mut said);
     let (clean, left_out) = cleaned(experiment, &answer.explained().rig);
     let mut warnings = warnings(experiment, start.dropped.max(left_out));
     warnings.extend(start.given.is_none().then(|| RUNS_AWAY.to_owned()));
@@ -88,28 +84,21 @@ pub fn diagnose(
     Ok(Answer { findings, model: answer.model(experiment), comparisons: start.context.ledger.all() })
 }
 
-/// Forward selection over the library. `is_vain`: true of the fit with the first effect if the base is another one beside it.
+/// Forward selection over the library. `stood`: what an earlier search found, on top of the base; `is_vain`: true of the fit with the first effect if the base is another one beside it.
 fn searched(
     experiment: &Experiment,
     start: &Start,
+    stood: Vec<CandidateFit>,
     mut is_vain: impl FnMut(&FittedModel) -> bool,
     said: &mut dyn FnMut(&str),
 ) -> Selection {
-    let Start { pooled, given, base, context, .. } = start;
-    let library = |now: &FittedModel| {
-        let Some(windows) = ltv_windows(now) else { return Vec::new() };
-        let scales = scales(now, &windows, pooled);
-        let screen = |noise: &[Colour]| ScoreTest::new(&now.problem, &now.point, noise);
-        let (Some(fine), Some(coarse)) = (screen(&now.noise), screen(&white(&now.residuals, &context.floors))) else {
-            return Vec::new();
-        };
-        candidates(now, &scales, [&fine, &coarse], &windows)
-    };
+    let Start { given, base, context, .. } = start;
+    let library = |now: &FittedModel| start.library(now);
     let also = given.as_ref().filter(|_| context.is_trapped).map(|given| given.counted_with(base));
     let rig = computing_as(&experiment.rig, base);
-    let all = forward((&rig, base), also.as_ref(), library, &mut is_vain, context, &mut *said);
+    let all = forward((&rig, base), (also.as_ref(), stood), library, &mut is_vain, context, &mut *said);
     let strict = if all.added.is_empty() { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
     said("what passes for noise is slower than noise: again without");
-    forward((&rig, &strict), None, library, &mut is_vain, context, said)
+    forward((&rig, &strict), (None, Vec::new()), library, &mut is_vain, context, said)
 }

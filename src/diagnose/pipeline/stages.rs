@@ -3,12 +3,13 @@
 //! RT: no.
 
 use super::found::Found;
-use super::start::RUNS_AWAY;
+use super::start::{RUNS_AWAY, Start};
 use crate::diagnose::explain::interest::{Kept, split_by_interest, undetermined, within_its_row};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::judge::numbers::LONGEST_MEMORY;
 use crate::diagnose::judge::verdict::refit_is_needed;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::nameless::pooling_test::{no_common_machine, unfollowed};
 use crate::diagnose::nameless::residual_force::unexplained;
 use crate::diagnose::search::basin_hopping::escape_local_minimum;
@@ -24,21 +25,22 @@ use crate::identify::problem::Problem;
 
 /// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.
 pub(super) fn finished(
-    given: Option<FittedModel>,
+    start: &Start,
     selection: Selection,
     least_share: f64,
-    context: &Context,
+    library: &dyn Fn(&FittedModel) -> Vec<Candidate>,
     said: &mut dyn FnMut(&str),
 ) -> Found {
+    let (given, context) = (start.given.as_ref(), &start.context);
     let Selection { base, found, added, last, .. } = selection;
-    let refit = given.map(|given| compare(&base, &given, context));
+    let refit = given.map(|given| compare(&base, given, context));
     let refit_needed = refit.is_none_or(|refit| refit_is_needed(refit, base.point.parameters.len(), context));
     said(&refit.map_or_else(|| RUNS_AWAY.to_owned(), |refit| format!("re-fit gains {:.0}", refit.total)));
     let (found, added) = settled_selection(found, added, &last, context, said);
     let kept = Kept::all(found, added).without_undetermined(&base, context);
     let undetermined_only = kept.seen.len();
     // Before what is left is asked: a name that is refuted does not answer for what it stood for.
-    let kept = kept.without_refuted(&base, context);
+    let kept = kept.without_refuted(&base, context).exchanged_by_kept_back(&base, library, context, said);
     said(&format!("what is left, {}", effort(&kept.found)));
     let strict =
         without_slow_noise(&base, &last, context).or_else(|| as_leader_hears(&base, &kept.added, &last, context));

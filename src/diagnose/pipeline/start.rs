@@ -7,13 +7,21 @@ use crate::diagnose::input_checks::at_bounds;
 use crate::diagnose::judge::criterion::Context;
 use crate::diagnose::judge::estimates::estimates;
 use crate::diagnose::judge::evidence::Ledger;
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::library::candidates::Candidate;
+use crate::diagnose::library::initial_guesses::candidates;
 use crate::diagnose::robustness::held_out::HeldOut;
-use crate::diagnose::search::numerics::{with_likeliest_numerics, with_numerics};
+use crate::diagnose::screen::linearise::ltv_windows;
+use crate::diagnose::screen::scales::scales;
+use crate::diagnose::screen::score_test::ScoreTest;
+use crate::diagnose::search::numerics::{to_its_end, with_likeliest_numerics, with_numerics};
+use crate::diagnose::search::stepwise::Selection;
 use crate::identify::base_fit::{as_given, fitted};
 use crate::identify::experiment::Experiment;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{samples, white};
+use crate::identify::noise::Colour;
 use crate::identify::outliers::drop_spikes;
 use crate::identify::rollout::Pooled;
 use crate::model::rig::{Numerics, Rig};
@@ -64,10 +72,38 @@ impl Start {
         Ok(start)
     }
 
+    /// What may be missing on top of `now`.
+    pub(super) fn library(&self, now: &FittedModel) -> Vec<Candidate> {
+        let Some(windows) = ltv_windows(now) else { return Vec::new() };
+        let scales = scales(now, &windows, &self.pooled);
+        let screen = |noise: &[Colour]| ScoreTest::new(&now.problem, &now.point, noise);
+        let (Some(fine), Some(coarse)) = (screen(&now.noise), screen(&white(&now.residuals, &self.context.floors)))
+        else {
+            return Vec::new();
+        };
+        candidates(now, &scales, [&fine, &coarse], &windows)
+    }
+
     /// The base with other numerics, if `found` shows them: the effects that were found beside it may have stood for these.
     pub(super) fn base_shown_by(&self, found: &FittedModel) -> Option<FittedModel> {
         let shown = with_likeliest_numerics(found, &self.context)?;
         with_numerics(&self.base, shown.rig.numerics, &self.context)
+    }
+
+    /// Each effect of `selection`, which was found with other numerics, alone on top of the base: what a search has found the next one
+    /// need not find again.
+    pub(super) fn each_alone(&self, selection: &Selection) -> Vec<CandidateFit> {
+        let (found, given) = (&selection.found, self.context.given);
+        let alone = |(i, added): (usize, &SelectedEffect)| {
+            let mut rig = Rig { numerics: self.base.rig.numerics, ..found.rig.clone() };
+            let own = rig.effects.get(given + i)?.clone();
+            rig.effects.truncate(given);
+            rig.effects.push(own);
+            let (problem, point) = found.extended(rig);
+            let hypothesis = to_its_end(found, problem, point, &self.context)?;
+            Some(CandidateFit { candidate: added.candidate.clone(), hypothesis, gain: 0.0 })
+        };
+        selection.added.iter().enumerate().filter_map(alone).collect()
     }
 
     /// From `base`, which is fitted with other numerics.

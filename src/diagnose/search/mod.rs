@@ -7,6 +7,7 @@ pub(in crate::diagnose) mod budget;
 pub mod converge_rivals;
 pub mod exchange;
 pub(in crate::diagnose) mod joint_pair;
+pub mod kept_back_exchange;
 pub mod numerics;
 pub mod pairwise_exchange;
 pub mod ridge_restarts;

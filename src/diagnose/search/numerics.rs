@@ -86,7 +86,8 @@ pub fn with_numerics(of: &FittedModel, numerics: Numerics, context: &Context) ->
 }
 
 /// `problem`, which is that of `of` with other numerics, fitted under white noise and then under its own.
-fn to_its_end(of: &FittedModel, problem: Problem, start: Point, context: &Context) -> Option<FittedModel> {
+#[must_use]
+pub fn to_its_end(of: &FittedModel, problem: Problem, start: Point, context: &Context) -> Option<FittedModel> {
     let most = allowance(of);
     let fitted = |problem: Problem, start: Point, noise: &[Colour], limits: Limits| {
         within(most, of, problem, start, (noise, limits), context)

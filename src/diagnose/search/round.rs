@@ -241,7 +241,7 @@ pub fn round(
         said(&format!("{costly} starts not tried: too costly to simulate"));
     }
     let (few, rule) = thin.as_ref().map_or((base, context), |t| (&t.hypothesis, &t.context));
-    if near.is_empty() && criterion::promises_little(most, context) {
+    if near.is_empty() && earlier.is_empty() && criterion::promises_little(most, context) {
         said(&format!("no candidate promises more than {most:.1}: too little"));
         return Vec::new();
     }

@@ -158,17 +158,17 @@ fn refit_leaders_from_given(given: &Rig, all: &mut Selection, context: &Context)
 }
 
 /// Forward selection from `base`, which is `given` with its numbers fitted. `also`: another place from which the first effect
-/// is sought too. `is_vain`: asked of the fit with the first effect; true ends the search.
+/// is sought too. `stood`: what was found on top of it before. `is_vain`: asked of the fit with the first effect; true ends the search.
 pub fn forward(
     (given, base): (&Rig, &FittedModel),
-    also: Option<&FittedModel>,
+    (also, stood): (Option<&FittedModel>, Vec<CandidateFit>),
     library: impl Fn(&FittedModel) -> Vec<Candidate>,
     mut is_vain: impl FnMut(&FittedModel) -> bool,
     context: &Context,
     mut said: impl FnMut(&str),
 ) -> Selection {
     let said: &mut dyn FnMut(&str) = &mut said;
-    let mut search = Search::from(given, base, also, &library, context);
+    let mut search = Search::from(given, base, (also, stood), &library, context);
     loop {
         if !search.next_round(said) {
             return search.all;
@@ -226,13 +226,13 @@ impl<'s> Search<'s> {
     fn from(
         given: &'s Rig,
         base: &FittedModel,
-        also: Option<&'s FittedModel>,
+        (also, stood): (Option<&'s FittedModel>, Vec<CandidateFit>),
         library: &'s dyn Fn(&FittedModel) -> Vec<Candidate>,
         context: &'s Context,
     ) -> Self {
         let (added, last) = (Vec::new(), Vec::new());
         let all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
-        let (explained, restarts, last_cost, beside, stood, asked, near) = (0.0, 0, 0, 0, Vec::new(), 0, Vec::new());
+        let (explained, restarts, last_cost, beside, asked, near) = (0.0, 0, 0, 0, 0, Vec::new());
         Self { given, also, library, context, all, explained, restarts, last_cost, beside, stood, asked, near }
     }
 

@@ -1,0 +1,109 @@
+//! Effects exchanged for those that look alike, by what recordings kept back say.
+//!
+//! Laws of friction explain a few seconds of steps equally well, and predict a free swing very differently. Asked where recordings kept
+//! back contradict the answer. A rival is fitted from the numbers of the answer: its own fit may have ended in a false minimum.
+//! RT: no.
+
+use crate::diagnose::judge::accept::is_admissible;
+use crate::diagnose::judge::credible_set::weight_in_set;
+use crate::diagnose::judge::criterion::{Context, compare};
+use crate::diagnose::judge::flexibility::is_overly_flexible;
+use crate::diagnose::judge::numbers::GREATER_PART;
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, with_effect};
+use crate::diagnose::library::candidates::{Candidate, look_alike};
+use crate::diagnose::robustness::held_out::{Confirmation, HeldOut};
+use crate::diagnose::search::basin_hopping::led_out;
+use crate::diagnose::search::budget::{allowance, is_spent, within};
+use crate::identify::fit::Limits;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::white;
+use rayon::prelude::*;
+
+/// Of a rival in the place of an effect.
+const RIVAL_FIT: Limits = Limits { iterations: 25, tolerance: 1e-5 };
+
+/// Exchanges each effect for the lookalike that explains what was fitted as well, as far as these data tell, and that recordings
+/// kept back bear out against it, if there is one. True if any was exchanged.
+pub fn exchange_by_kept_back(
+    found: &mut FittedModel,
+    added: &mut [SelectedEffect],
+    library: &dyn Fn(&FittedModel) -> Vec<Candidate>,
+    context: &Context,
+    said: &mut dyn FnMut(&str),
+) -> bool {
+    let Some(held_out) = context.held_out.as_deref() else { return false };
+    if !is_contradicted(found, held_out, &context.floors) {
+        return false;
+    }
+    let (library, mut any) = (library(found), false);
+    for (i, a) in added.iter_mut().enumerate() {
+        if is_spent(found) {
+            break;
+        }
+        let e = context.given + i;
+        let told = |rival: &CandidateFit| {
+            weight_in_set(found, rival, (e, a.gain), context)?;
+            let told = Confirmation::on_kept_back(&rival.hypothesis, found, Some(held_out), &context.floors)?;
+            told.bears_out(context).then_some(told)
+        };
+        let rivals = lookalikes(found, &library, (a, e), context);
+        let borne_out = rivals.into_iter().filter_map(|rival| Some((told(&rival)?, rival)));
+        let Some((told, rival)) = borne_out.max_by(|a, b| a.0.gained.total_cmp(&b.0.gained)) else { continue };
+        let (was, is) = (a.candidate.effect, rival.candidate.effect);
+        said(&format!("   {is} in the place of {was}, on recordings kept back: {told}"));
+        let candidate = std::mem::replace(&mut a.candidate, rival.candidate);
+        a.others.retain(|t| !t.candidate.is_same_as(&a.candidate));
+        a.others.insert(
+            0,
+            CandidateFit { candidate, hypothesis: std::mem::replace(found, rival.hypothesis), gain: a.gain },
+        );
+        a.gain = rival.gain;
+        any = true;
+    }
+    any
+}
+
+/// The candidates of `library` that look like `added`, effect `e`, fitted in its place.
+fn lookalikes(
+    found: &FittedModel,
+    library: &[Candidate],
+    (added, e): (&SelectedEffect, usize),
+    context: &Context,
+) -> Vec<CandidateFit> {
+    let own = &added.candidate;
+    let alike = |other: &&Candidate| {
+        let same_place = other.at == own.at && other.side == own.side && other.motor_sensor == own.motor_sensor;
+        same_place && other.only == own.only && other.effect != own.effect && look_alike(other.effect, own.effect)
+    };
+    let rivals: Vec<&Candidate> = library.iter().filter(alike).collect();
+    rivals.into_par_iter().filter_map(|candidate| fitted_in_its_place(found, candidate, (added, e), context)).collect()
+}
+
+/// `candidate` in the place of effect `e`, from the best of its starts; `None` if it may not stand there.
+fn fitted_in_its_place(
+    found: &FittedModel,
+    candidate: &Candidate,
+    (added, e): (&SelectedEffect, usize),
+    context: &Context,
+) -> Option<CandidateFit> {
+    let total = |h: &FittedModel| -> f64 { h.blocks(&found.noise).iter().sum() };
+    let from = |start: &Vec<f64>| {
+        let mut rig = with_effect(&found.rig, candidate, start);
+        rig.effects.swap_remove(e);
+        let (problem, point) = found.extended(rig);
+        within(allowance(found), found, problem, point, (&found.noise, RIVAL_FIT), context)
+    };
+    let best = candidate.starts.iter().filter_map(from).max_by(|a, b| total(a).total_cmp(&total(b)))?;
+    let hypothesis = led_out(best, &found.noise, &context.floors);
+    let gain = added.gain - compare(found, &hypothesis, context).total;
+    let rival = CandidateFit { candidate: candidate.clone(), hypothesis, gain };
+    let stands = is_admissible(&rival.hypothesis, e, context) && !is_overly_flexible(found, &rival, context);
+    stands.then_some(rival)
+}
+
+/// True if a channel of the recordings kept back is predicted much worse than those that were fitted.
+fn is_contradicted(found: &FittedModel, held_out: &HeldOut, floors: &[f64]) -> bool {
+    let Some(kept_back) = held_out.residuals(&found.rig) else { return false };
+    let (fitted, kept_back) = (white(&found.residuals, floors), white(&kept_back, floors));
+    fitted.iter().zip(&kept_back).any(|(fitted, kept_back)| fitted.sigma < GREATER_PART * kept_back.sigma)
+}
