@@ -66,7 +66,22 @@ pub fn only_freed_the_fit(before: f64, with: f64, without: f64) -> bool {
 mod tests {
     use super::*;
     use crate::diagnose::judge::evidence::Ledger;
-    use crate::diagnose::judge::worked::trial;
+    use crate::diagnose::judge::worked::{Shown, shown, trial};
+    use crate::diagnose::library::candidates::Key;
+
+    #[test]
+    fn a_rival_with_more_numbers_pays_for_them() {
+        let lag = |value: &str| format!("[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = {value}\n");
+        let Shown { context, problem } = shown(&lag("0.02"));
+        let found = problem.fitted("[[effect]]\neffect = \"transport_delay\"\nat = \"u\"\ndelay = 0.02\n", 20);
+        let mut rival = problem.trial("actuator_lag", "u", &lag("{ value = 0.015, min = 0.0, max = 0.2 }"), 20, 0.0);
+        let added = problem.added("transport_delay", "u", 1000.0, Vec::new());
+        let ahead = -compare(&found, &rival.hypothesis, &context).total;
+        assert!(ahead > CLEAR_LEAD && takes_its_place(&found, &rival, &added, 1000.0, &context), "{ahead}");
+        let numbers = (ahead / libm::log(context.samples as f64)) as usize + 1;
+        rival.candidate.keys = vec![Key { name: "x", min: 0.0, max: 1.0, log: false }; numbers];
+        assert!(!takes_its_place(&found, &rival, &added, 1000.0, &context), "{numbers} numbers gain that by chance");
+    }
 
     #[test]
     fn an_effect_whose_gain_stays_without_it_brought_none_of_its_own() {

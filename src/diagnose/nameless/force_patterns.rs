@@ -9,6 +9,7 @@ use crate::diagnose::screen::scan::{Curve, Over, state_curve, time_curve, vibrat
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
 use crate::identify::covariance::band_95;
 use crate::identify::fitted_model::FittedModel;
+use crate::identify::noise::Colour;
 use crate::model::rig::Rig;
 
 /// Knots of a free curve over position or rate: smooth laws, and narrow ones (a detent, a magnet).
@@ -86,15 +87,17 @@ impl Pattern {
     }
 }
 
-/// Part of the squares of `found` that the force explains.
+/// Part of the squares of `found` that the force explains, both of the innovations of its noise.
 pub(in crate::diagnose) fn share(found: &FittedModel, p: &Pattern) -> f64 {
-    let energy: f64 = found
-        .residuals
-        .iter()
-        .zip(&found.noise)
-        .filter(|(_, c)| c.sigma.is_finite())
-        .map(|(r, c)| r.iter().flatten().map(|x| (x / c.sigma).powi(2)).sum::<f64>())
-        .sum();
+    let squares = |(runs, colour): (&Vec<Vec<f64>>, &Colour)| -> f64 {
+        let innovations = |run: &Vec<f64>| {
+            let mut e = run.clone();
+            colour.whiten(&mut e, &(0..run.len()).collect::<Vec<_>>());
+            e.iter().map(|x| x * x).sum::<f64>()
+        };
+        if colour.sigma.is_finite() { runs.iter().map(innovations).sum() } else { 0.0 }
+    };
+    let energy: f64 = found.residuals.iter().zip(&found.noise).map(squares).sum();
     (p.gain / energy.max(1e-12)).clamp(0.0, 1.0)
 }
 

@@ -156,6 +156,8 @@ mod tests {
     use super::*;
     use crate::identify::experiment::Recording;
     use crate::identify::synthesis::record;
+    use crate::model::effect::EffectKind;
+    use crate::model::rig::{Effect, Side, Value};
 
     /// Two links, the second on the first; `moment2` is free.
     fn links(inertia2: &str, moment2: f64) -> Rig {
@@ -196,5 +198,38 @@ mod tests {
         let found: Vec<f64> = estimates(&start.base).iter().map(|(_, of)| of.value).collect();
         let [inertia2, moment2] = found[..] else { panic!("{found:?}") };
         assert!((0.25 * moment2) * (0.25 * moment2) < (0.012 + 1.1 * 0.0625) * inertia2, "{found:?}");
+    }
+
+    #[test]
+    fn what_a_search_found_stands_alone_on_the_base_with_its_numerics() {
+        let mut start = start(links("0.055", 0.21));
+        let of = |kind, value: f64, most: f64| Effect::new(kind, "q1", vec![Value::free(value, -most, most)]);
+        let mut rig = start.base.rig.clone();
+        rig.effects = vec![of(EffectKind::QuadraticDrag, 1e-3, 0.1), of(EffectKind::TorqueOffset, 1e-3, 1.0)];
+        let (problem, point) = start.base.extended(rig);
+        let found =
+            FittedModel::fitted(problem, point, &start.base.noise, &start.context.floors, Limits::default()).unwrap();
+        let added = |effect: &'static str| {
+            let candidate = Candidate {
+                effect,
+                at: "q1".into(),
+                keys: Vec::new(),
+                starts: Vec::new(),
+                only: None,
+                motor_sensor: None,
+                side: Side::Link,
+            };
+            SelectedEffect { candidate, others: Vec::new(), gain: 100.0, removed: 0.5 }
+        };
+        let added = vec![added("quadratic_drag"), added("torque_offset")];
+        let selection = Selection { base: start.base.clone(), found, added, last: Vec::new(), cut_short: false };
+        start.base.rig.numerics.euler_step_s = Some(0.01);
+        let alone = start.each_alone(&selection);
+        assert_eq!(alone.len(), 2);
+        for trial in &alone {
+            let [effect] = &trial.hypothesis.rig.effects[..] else { panic!("not alone") };
+            assert_eq!(effect.kind.id(), trial.candidate.effect);
+            assert_eq!(trial.hypothesis.rig.numerics, start.base.rig.numerics);
+        }
     }
 }

@@ -107,3 +107,46 @@ fn is_contradicted(found: &FittedModel, held_out: &HeldOut, floors: &[f64]) -> b
     let (fitted, kept_back) = (white(&found.residuals, floors), white(&kept_back, floors));
     fitted.iter().zip(&kept_back).any(|(fitted, kept_back)| fitted.sigma < GREATER_PART * kept_back.sigma)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::judge::worked::{Shown, shown};
+    use crate::diagnose::library::candidates::Key;
+
+    const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = 0.02\n";
+    const DELAY: &str = "[[effect]]\neffect = \"transport_delay\"\nat = \"u\"\ndelay = 0.02\n";
+
+    #[test]
+    fn what_looks_like_an_effect_is_fitted_in_its_place_and_nothing_else_is() {
+        let Shown { context, problem } = shown(LAG);
+        let found = problem.fitted(DELAY, 20);
+        let added = problem.added("transport_delay", "u", 1000.0, Vec::new());
+        let candidate = |effect: &'static str, at: &str, name: &'static str| Candidate {
+            keys: vec![Key { name, min: 0.0, max: 0.2, log: false }],
+            starts: vec![vec![0.1], vec![0.004]],
+            ..problem.candidate(effect, at)
+        };
+        let library = [
+            candidate("transport_delay", "u", "delay"),
+            candidate("actuator_lag", "u", "time_constant"),
+            candidate("actuator_lag", "other", "time_constant"),
+            candidate("quadratic_drag", "u", "quadratic"),
+        ];
+        let rivals = lookalikes(&found, &library, (&added, context.given), &context);
+        let [rival] = &rivals[..] else { panic!("{}", rivals.len()) };
+        let effects = &rival.hypothesis.rig.effects;
+        assert!(effects.len() == found.rig.effects.len() && rival.candidate.effect == "actuator_lag");
+        let lag = effects[context.given].values[0].value;
+        assert!((lag / 0.02 - 1.0).abs() < 0.05 && rival.gain > added.gain, "{lag}");
+    }
+
+    #[test]
+    fn nothing_is_exchanged_where_nothing_was_kept_back() {
+        let Shown { context, problem } = shown(LAG);
+        let (mut found, mut added) =
+            (problem.fitted(DELAY, 20), [problem.added("transport_delay", "u", 1000.0, Vec::new())]);
+        let library = |_: &FittedModel| -> Vec<Candidate> { panic!("not asked") };
+        assert!(!exchange_by_kept_back(&mut found, &mut added, &library, &context, &mut |_| {}));
+    }
+}
