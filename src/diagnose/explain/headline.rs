@@ -51,10 +51,16 @@ pub fn costs(rig: &Rig, traces: &[Trace]) -> Vec<Cost> {
     rig.sensors.iter().map(one).filter(|c| c.refitted.is_finite() && c.explained.is_finite()).collect()
 }
 
-/// One to three sentences for the head of the page.
+/// One to three sentences for the head of the page. `leaves_misfit`: what is left is smooth, no noise.
 #[must_use]
-pub fn headline(diagnosis: &Diagnosis, lines: &[ParameterLine], costs: &[Cost]) -> String {
+pub fn headline(diagnosis: &Diagnosis, lines: &[ParameterLine], costs: &[Cost], leaves_misfit: bool) -> String {
     let said: Vec<String> = match diagnosis.verdict {
+        Verdict::Consistent | Verdict::Parameters if leaves_misfit => vec![
+            "Nothing that was tried explains the recordings better than the simulation itself and holds where it was not \
+             fitted. But what is left is no noise: the simulation may compute otherwise than the machine moves, or lack what \
+             this library lacks too."
+                .into(),
+        ],
         Verdict::Consistent => {
             vec!["The simulation as given explains the recordings to within their noise. Nothing is missing.".into()]
         }
@@ -169,6 +175,25 @@ mod tests {
             explained: Estimate::normal(5.0, 0.1),
             at_bound,
         }
+    }
+
+    #[test]
+    fn what_leaves_smooth_misfit_is_not_called_explained_to_within_its_noise() {
+        let healthy = Diagnosis {
+            schema: 1,
+            verdict: Verdict::Parameters,
+            places: Vec::new(),
+            missing: Vec::new(),
+            seen: Vec::new(),
+            rejected: Vec::new(),
+            next_experiment: None,
+            fit: Vec::new(),
+            seconds: 0.0,
+            seed: 0,
+        };
+        assert!(headline(&healthy, &[], &[], false).contains("to within their noise"));
+        let said = headline(&healthy, &[], &[], true);
+        assert!(said.contains("what is left is no noise") && !said.contains("No physics is missing"), "{said}");
     }
 
     #[test]

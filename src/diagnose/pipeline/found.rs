@@ -21,6 +21,7 @@ use crate::diagnose::sentence;
 use crate::identify::experiment::Experiment;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::floor::complaints;
+use crate::identify::likelihood::is_misfit;
 use crate::identify::rollout::RolloutError;
 use crate::identify::validation::{Models, proof};
 use crate::model::rig::Rig;
@@ -118,9 +119,10 @@ impl Found {
         };
         let given = self.base.problem.with_rig(experiment.rig.clone());
         let parameters = parameter_lines(&given, &self.base, explained);
+        let leaves_misfit = is_misfit(&explained.residuals, &context.floors);
         Ok(Findings {
             rig: experiment.rig.name.clone(),
-            headline: headline(&diagnosis, &parameters, &costs(&experiment.rig, &traces)),
+            headline: headline(&diagnosis, &parameters, &costs(&experiment.rig, &traces), leaves_misfit),
             ranking: ranking(&self.base, &self.added, last, context),
             parameters,
             undetermined: undetermined_combinations(explained),
