@@ -3,7 +3,8 @@
 //! # The walk
 //! 1. [`pipeline`]: the base fit ([`base_model`], [`base_fit`]), outliers left out, the noise that it leaves ([`likelihood`]), and
 //!    the steps and the smooth sign of friction of the simulator that made the recordings, if one did ([`numerics`]). These are asked
-//!    again beside the first effect, and beside all that was selected; if others are likelier there, the search starts anew with them.
+//!    again beside the first effect, and beside all that was selected; if others are likelier there, the search starts anew with them,
+//!    and each effect that was found stands among its first candidates.
 //! 2. [`search`], [`stepwise`]: forward selection. In a [`round`] every candidate of the [`library`] ([`candidates`],
 //!    [`initial_guesses`]) is scored by what one linear step promises ([`screen`], [`score_test`]); the best are fitted in full,
 //!    jointly with all base parameters.
@@ -14,6 +15,7 @@
 //!    machine ([`pooling_test`])?
 //! 5. [`robustness`], [`interest`]: what is too small to matter, not told from nothing, at the edge of the range in which it was
 //!    sought, explained by instants within their rows ([`instants`]), or refuted where it was not fitted ([`held_out`]), is seen and not named.
+//!    Where recordings kept back contradict what stays, effects that look like it are asked in its place ([`kept_back_exchange`]).
 //! 6. [`validation`]: free runs on recordings that were never fitted; [`explain`]: [`answer_sets`], [`localise`], [`laws`], [`sentence`],
 //!    [`tables`], [`headline`]: the answer in numbers, curves and words.
 //!
@@ -41,9 +43,9 @@
 //! |---|---|---|
 //! | is anything missing? | gain over max(60, .02 N) + k ln N, in every part of the recordings | [`judge::criterion`], [`judge::accept`] |
 //! | is it that effect? | no bound hit, states that go on from window to window, .25 of the gain on recordings left out, or of what it promises on recordings kept back | [`judge::accept`], [`judge::continuity`] |
-//! | or a piece of anything? | pushes and jumps are not taken beside smooth misfit; less than half a wave is no ripple | [`judge::flexibility`] |
+//! | or a piece of anything? | pushes and jumps are not taken beside smooth misfit, nor is a ripple on a rail, unless recordings kept back bear it out; less than half a wave is no ripple | [`judge::flexibility`] |
 //! | a further effect? | 2 % of what those before it gained, 15 % where smooth misfit stays | [`judge::accept`] |
-//! | which of two? | 10 ahead; the simpler one with .95 of the gain | [`judge::exchange`], [`judge::simplicity`] |
+//! | which of two? | 10 ahead, and k ln N for the k numbers that it has more; the simpler one with .95 of the gain; of those that fit as well the one that recordings kept back bear out | [`judge::exchange`], [`judge::simplicity`], [`kept_back_exchange`] |
 //! | what stands beside it? | within two deviations, or within the error of form: 2 and 15 % as above, at most 60 | [`judge::credible_set`] |
 //! | nothing of the library? | a free force .25 ahead of all that was listed, that predicts; over time, only where recordings kept back do not bear out what was listed | [`judge::nameless`], [`residual_force`] |
 //! | or is it only late? | the same gain beside angles, rates, and forces that go with rates, that are all off by up to half a row, and touchdowns that take up to 10 ms | [`judge::accept`], [`instants`], [`touchdowns`] |
@@ -87,6 +89,7 @@
 //! [`initial_guesses`]: library::initial_guesses
 //! [`instants`]: robustness::instants
 //! [`interest`]: explain::interest
+//! [`kept_back_exchange`]: search::kept_back_exchange
 //! [`laws`]: explain::laws
 //! [`likelihood`]: crate::identify::likelihood
 //! [`localise`]: explain::localise
