@@ -44,10 +44,15 @@ impl Floor {
         if radius_m <= 0.0 {
             return profile;
         }
+        // No tile is higher: most edges are too far away to touch, whatever their height, which takes two draws to know.
+        let highest_m = if self.terraces.is_empty() { self.half_width_m } else { f64::INFINITY };
         let mut edge = |at_m: f64| {
             let off_m = at_m - x_m;
-            let beyond_m = self.point_height_m(at_m).max(self.point_height_m(at_m - EDGE_M));
             let [below_m, steep] = rounding(radius_m, off_m.abs());
+            if highest_m - below_m <= profile[0] {
+                return;
+            }
+            let beyond_m = self.point_height_m(at_m).max(self.point_height_m(at_m - EDGE_M));
             if beyond_m - below_m > profile[0] {
                 profile = [beyond_m - below_m, steep * off_m.signum()];
             }
