@@ -3,8 +3,10 @@
 //! RT: no.
 
 use super::criterion::{Context, detection_threshold};
-use super::numbers::QUARTER;
+use super::numbers::{GREATER_PART, QUARTER};
 use crate::diagnose::robustness::held_out::Confirmation;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::likelihood::white;
 
 impl Confirmation {
     /// True if it speaks for the one model against another of as many numbers.
@@ -24,6 +26,15 @@ impl Confirmation {
     pub fn refutes(&self, numbers: usize, context: &Context) -> bool {
         is_refuted(self.promised, self.gained, numbers, context) || !is_removed_where_it_acts(self.left)
     }
+}
+
+/// True if a channel of the recordings kept back is predicted much worse than those that were fitted.
+#[must_use]
+pub fn is_contradicted(of: &FittedModel, context: &Context) -> bool {
+    let kept_back = context.held_out.as_ref().and_then(|held_out| held_out.residuals(&of.rig));
+    let Some(kept_back) = kept_back else { return false };
+    let (fitted, kept_back) = (white(&of.residuals, &context.floors), white(&kept_back, &context.floors));
+    fitted.iter().zip(&kept_back).any(|(fitted, kept_back)| fitted.sigma < GREATER_PART * kept_back.sigma)
 }
 
 /// True if of the fall of squares that a change of predictions would be, were it the truth, so much is so that it may be.
@@ -52,9 +63,13 @@ fn is_borne_out(promised: f64, gained: f64, context: &Context) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::judge::worked::shown;
+    use crate::diagnose::judge::worked::{Shown, shown};
     use crate::diagnose::library::candidates::Candidate;
     use crate::diagnose::library::worked::{FLOORS, hiding};
+    use crate::diagnose::robustness::held_out::HeldOut;
+    use crate::identify::experiment::{Experiment, Recording};
+    use crate::model::rig::Use;
+    use std::sync::Arc;
 
     #[test]
     fn an_effect_is_refuted_where_it_changes_much_and_little_of_that_is_so() {
@@ -84,5 +99,19 @@ mod tests {
         assert!(other.refutes(2, &context), "the other way round: {other}");
         let nothing = push("", 0.01);
         assert!(nothing.refutes(2, &context), "{nothing}");
+    }
+
+    const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = 0.004\n";
+
+    #[test]
+    fn a_model_is_contradicted_where_it_predicts_much_worse_than_it_was_fitted() {
+        let Shown { context, problem } = shown(DRAG);
+        let right = problem.fitted(DRAG, 20);
+        let kept_back = Recording { usage: Use::Heldout, ..right.problem.recordings[0].clone() };
+        let experiment = Experiment { rig: right.rig.clone(), recordings: vec![kept_back] };
+        let context = Context { held_out: HeldOut::of(&experiment, &right.rig).map(Arc::new), ..context };
+        assert!(!is_contradicted(&right, &context));
+        assert!(is_contradicted(&hiding("").fitted("", 20), &context), "fitted to another machine");
+        assert!(!is_contradicted(&right, &Context { held_out: None, ..context }), "nothing was kept back");
     }
 }

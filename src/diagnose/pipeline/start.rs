@@ -14,7 +14,7 @@ use crate::diagnose::robustness::held_out::HeldOut;
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::scales::scales;
 use crate::diagnose::screen::score_test::ScoreTest;
-use crate::diagnose::search::numerics::{to_its_end, with_likeliest_numerics, with_numerics};
+use crate::diagnose::search::numerics::{stepped_from_given, to_its_end, with_likeliest_numerics, with_numerics};
 use crate::diagnose::search::stepwise::Selection;
 use crate::identify::base_fit::{as_given, fitted};
 use crate::identify::experiment::Experiment;
@@ -66,7 +66,8 @@ impl Start {
             said(&format!("   {name} {:.4}", of.value));
         }
         let mut start = Self { pooled, dropped, given, base, context };
-        if let Some(base) = with_likeliest_numerics(&start.base, &start.context) {
+        let stepped = || stepped_from_given(&experiment.rig, &start.base, &start.context);
+        if let Some(base) = with_likeliest_numerics(&start.base, &start.context).or_else(stepped) {
             start.computes_as(base, experiment, said);
         }
         Ok(start)

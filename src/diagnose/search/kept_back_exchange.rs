@@ -5,18 +5,17 @@
 //! RT: no.
 
 use crate::diagnose::judge::accept::is_admissible;
+use crate::diagnose::judge::confirmation::is_contradicted;
 use crate::diagnose::judge::credible_set::weight_in_set;
 use crate::diagnose::judge::criterion::{Context, compare};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
-use crate::diagnose::judge::numbers::GREATER_PART;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, with_effect};
 use crate::diagnose::library::candidates::{Candidate, look_alike};
-use crate::diagnose::robustness::held_out::{Confirmation, HeldOut};
+use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::search::basin_hopping::led_out;
 use crate::diagnose::search::budget::{allowance, is_spent, within};
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::likelihood::white;
 use rayon::prelude::*;
 
 /// Of a rival in the place of an effect.
@@ -31,8 +30,7 @@ pub fn exchange_by_kept_back(
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> bool {
-    let Some(held_out) = context.held_out.as_deref() else { return false };
-    if !is_contradicted(found, held_out, &context.floors) {
+    if !is_contradicted(found, context) {
         return false;
     }
     let (library, mut any) = (library(found), false);
@@ -43,7 +41,8 @@ pub fn exchange_by_kept_back(
         let e = context.given + i;
         let told = |rival: &CandidateFit| {
             weight_in_set(found, rival, (e, a.gain), context)?;
-            let told = Confirmation::on_kept_back(&rival.hypothesis, found, Some(held_out), &context.floors)?;
+            let told =
+                Confirmation::on_kept_back(&rival.hypothesis, found, context.held_out.as_deref(), &context.floors)?;
             told.bears_out(context).then_some(told)
         };
         let rivals = lookalikes(found, &library, (a, e), context);
@@ -99,13 +98,6 @@ fn fitted_in_its_place(
     let rival = CandidateFit { candidate: candidate.clone(), hypothesis, gain };
     let stands = is_admissible(&rival.hypothesis, e, context) && !is_overly_flexible(found, &rival, context);
     stands.then_some(rival)
-}
-
-/// True if a channel of the recordings kept back is predicted much worse than those that were fitted.
-fn is_contradicted(found: &FittedModel, held_out: &HeldOut, floors: &[f64]) -> bool {
-    let Some(kept_back) = held_out.residuals(&found.rig) else { return false };
-    let (fitted, kept_back) = (white(&found.residuals, floors), white(&kept_back, floors));
-    fitted.iter().zip(&kept_back).any(|(fitted, kept_back)| fitted.sigma < GREATER_PART * kept_back.sigma)
 }
 
 #[cfg(test)]

@@ -6,10 +6,12 @@
 //! simulation: the likeliest are taken, the rig's own unless others are more than chance.
 //! RT: no.
 
+use crate::diagnose::judge::confirmation::is_contradicted;
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::library::candidate_fit::REFIT;
 use crate::diagnose::screen::subsample::few;
 use crate::diagnose::search::budget::{allowance, allowance_of_a_look, within};
+use crate::identify::base_fit::anew;
 use crate::identify::experiment::Recording;
 use crate::identify::fit::{Limits, Point};
 use crate::identify::fitted_model::FittedModel;
@@ -30,16 +32,39 @@ const SMOOTH_RATES: [f64; 6] = [1e-3, 2e-3, 4e-3, 8e-3, 0.016, 0.032];
 /// these recordings is then no simulation of this machine, but a machine, or one that lacks something.
 #[must_use]
 pub fn with_likeliest_numerics(of: &FittedModel, context: &Context) -> Option<FittedModel> {
-    let row_s = of.problem.recordings.iter().filter_map(Recording::usual_row_s).min_by(f64::total_cmp)?;
     let own = of.rig.numerics;
-    let steps = std::iter::once(None).chain(PER_ROW.map(|n| Some(row_s / n)));
+    let steps = std::iter::once(None).chain(steps_s(of)?.map(Some));
     let stepped = likeliest(of, steps.map(|euler_step_s| Numerics { euler_step_s, ..own }), context);
     let rates = if has_dry_friction(of) { &SMOOTH_RATES[..] } else { &[] };
     let rates = std::iter::once(None).chain(rates.iter().map(|rate| Some(*rate)));
     let best = likeliest(&stepped, rates.map(|smooth_rate| Numerics { smooth_rate, ..stepped.rig.numerics }), context);
-    let is_left = |fit: &FittedModel| is_misfit(&fit.residuals, &context.floors);
-    let is_more_than_chance = compare(&best, of, context).total > detection_threshold(context, 1);
-    (best.rig.numerics != own && !is_left(&best) && is_more_than_chance).then_some(best)
+    (best.rig.numerics != own && shows_its_numerics(&best, of, context)).then_some(best)
+}
+
+/// The base fitted anew from `given`, with the steps that these recordings show, if recordings kept back contradict it: two links that whirl
+/// have a false minimum for every wrong step, in which short windows look like noise, and from which no other step leads out.
+#[must_use]
+pub fn stepped_from_given(given: &Rig, base: &FittedModel, context: &Context) -> Option<FittedModel> {
+    if is_misfit(&base.residuals, &context.floors) || !is_contradicted(base, context) {
+        return None;
+    }
+    let fitted = |step_s: f64| {
+        let numerics = Numerics { euler_step_s: Some(step_s), ..base.rig.numerics };
+        anew(&base.problem, &Rig { numerics, ..given.clone() }, &context.floors)
+    };
+    let fits = steps_s(base)?.into_iter().filter_map(fitted);
+    fits.filter(|fit| shows_its_numerics(fit, base, context)).max_by(|a, b| a.likelihood.total_cmp(&b.likelihood))
+}
+
+/// Steps of a simulator that are tried, s.
+fn steps_s(of: &FittedModel) -> Option<[f64; PER_ROW.len()]> {
+    let row_s = of.problem.recordings.iter().filter_map(Recording::usual_row_s).min_by(f64::total_cmp)?;
+    Some(PER_ROW.map(|n| row_s / n))
+}
+
+/// True if `fit` is ahead of `of` by more than chance, and leaves nothing but noise.
+fn shows_its_numerics(fit: &FittedModel, of: &FittedModel, context: &Context) -> bool {
+    compare(fit, of, context).total > detection_threshold(context, 1) && !is_misfit(&fit.residuals, &context.floors)
 }
 
 fn has_dry_friction(of: &FittedModel) -> bool {
