@@ -292,7 +292,8 @@ def record(rng, simulator, shape, hidden, seconds):
             command -= scale[0] * np.clip(2.0 * q, -2, 2) + 0.2 * scale[0] * rate
         queue.append(command.copy())
         late = round(keys.get("delay", 0.0) / step_s) if effect == "transport_delay" else 0
-        sent = queue[max(0, len(queue) - 1 - late)].copy()
+        sent = command.copy()
+        sent[j] = queue[max(0, len(queue) - 1 - late)][j]
         if effect == "torque_limit":
             sent[j] = np.clip(sent[j], -keys["limit"], keys["limit"])
         reading, spun = q.copy(), rate.copy()
