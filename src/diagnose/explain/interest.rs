@@ -133,10 +133,16 @@ impl Kept {
     /// asked, cut at other instants.
     #[must_use]
     pub fn without_refuted(mut self, base: &FittedModel, context: &Context) -> Self {
+        let count = self.added.len();
         while let Some(Refuted { effect, without, why, .. }) = self.worst_refuted(base, context) {
             self.take_out(effect, without, why, context);
         }
-        self
+        self.asked_again(count, base, context)
+    }
+
+    /// What stays is determined no more, perhaps, or runs to its edge, when what stood beside it is gone. `count`: how many they were.
+    fn asked_again(self, count: usize, base: &FittedModel, context: &Context) -> Self {
+        if self.added.len() < count { self.without_undetermined(base, context) } else { self }
     }
 
     /// Exchanges effects for lookalikes that recordings kept back bear out against them; these are asked as the others were.
@@ -183,6 +189,7 @@ impl Kept {
     /// Takes out, the least first, the effects that remove less than `least` of the misfit that is there without them.
     #[must_use]
     pub fn of_interest(mut self, least: f64, base: &FittedModel, context: &Context) -> Self {
+        let count = self.added.len();
         loop {
             self.ask_without(base, context);
             let part = |i: usize| {
@@ -191,7 +198,7 @@ impl Kept {
             };
             let parts = (0..self.added.len()).filter_map(part);
             let small = parts.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, part, _)| !is_material(*part, least));
-            let Some((i, _, without)) = small else { return self };
+            let Some((i, _, without)) = small else { return self.asked_again(count, base, context) };
             self.take_out(i, without, TOO_SMALL, context);
         }
     }
@@ -324,6 +331,17 @@ mod tests {
         let kept = without_undetermined(false);
         assert!(kept.added.is_empty());
         assert!(kept.seen[0].sentence.contains("interval reaches nothing"), "{:?}", kept.seen);
+    }
+
+    #[test]
+    fn what_stays_is_asked_again_when_what_stood_beside_it_is_gone() {
+        let Shown { context, problem } = shown(&format!("{LAG}0.02\n"));
+        let (base, found) = (problem.fitted("", 20), problem.fitted(&free(OFFSET, 0.001, 1.0), 20));
+        let stays = |count: usize| {
+            let added = problem.added("torque_offset", "q1", 1000.0, Vec::new());
+            Kept::all(found.clone(), vec![added]).asked_again(count, &base, &context).added.len()
+        };
+        assert_eq!((stays(1), stays(2)), (1, 0), "an offset of nothing");
     }
 
     #[test]
