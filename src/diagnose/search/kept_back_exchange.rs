@@ -30,7 +30,7 @@ pub fn exchange_by_kept_back(
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> bool {
-    if !is_contradicted(found, context) {
+    if added.is_empty() || !is_contradicted(found, context) {
         return false;
     }
     let (library, mut any) = (library(found), false);
