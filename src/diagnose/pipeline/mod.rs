@@ -72,7 +72,7 @@ pub fn diagnose(
         selection = searched(experiment, &start, stood, |_| false, &mut said);
     }
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
-    let answer = finished(&start, selection, options.least_share, &|now| start.library(now), &mut said);
+    let answer = finished(&start, selection, options.least_share, &mut said);
     let (clean, left_out) = cleaned(experiment, &answer.explained().rig);
     let mut warnings = warnings(experiment, start.dropped.max(left_out));
     warnings.extend(start.given.is_none().then(|| RUNS_AWAY.to_owned()));

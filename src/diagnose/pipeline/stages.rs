@@ -9,7 +9,6 @@ use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::judge::numbers::LONGEST_MEMORY;
 use crate::diagnose::judge::verdict::refit_is_needed;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
-use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::nameless::pooling_test::{no_common_machine, unfollowed};
 use crate::diagnose::nameless::residual_force::unexplained;
 use crate::diagnose::search::basin_hopping::escape_local_minimum;
@@ -24,13 +23,7 @@ use crate::identify::likelihood::{is_misfit, memory, squares};
 use crate::identify::problem::Problem;
 
 /// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.
-pub(super) fn finished(
-    start: &Start,
-    selection: Selection,
-    least_share: f64,
-    library: &dyn Fn(&FittedModel) -> Vec<Candidate>,
-    said: &mut dyn FnMut(&str),
-) -> Found {
+pub(super) fn finished(start: &Start, selection: Selection, least_share: f64, said: &mut dyn FnMut(&str)) -> Found {
     let (given, context) = (start.given.as_ref(), &start.context);
     let Selection { base, found, added, last, .. } = selection;
     let refit = given.map(|given| compare(&base, given, context));
@@ -40,7 +33,8 @@ pub(super) fn finished(
     let kept = Kept::all(found, added).without_undetermined(&base, context);
     let undetermined_only = kept.seen.len();
     // Before what is left is asked: a name that is refuted does not answer for what it stood for.
-    let kept = kept.without_refuted(&base, context).exchanged_by_kept_back(&base, library, context, said);
+    let kept =
+        kept.without_refuted(&base, context).exchanged_by_kept_back(&base, &|now| start.library(now), context, said);
     said(&format!("what is left, {}", effort(&kept.found)));
     let strict =
         without_slow_noise(&base, &last, context).or_else(|| as_leader_hears(&base, &kept.added, &last, context));

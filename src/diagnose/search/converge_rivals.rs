@@ -76,7 +76,7 @@ pub fn converge_rivals(
 
 /// True if `trial` may stand in the place of effect `e`: no piece of a misfit, no number at the edge of its range, and what is
 /// inside goes on from window to window.
-fn is_admitted(found: &FittedModel, trial: &CandidateFit, e: usize, context: &Context) -> bool {
+pub(super) fn is_admitted(found: &FittedModel, trial: &CandidateFit, e: usize, context: &Context) -> bool {
     let goes_on = || {
         !trial.candidate.has_inner_states()
             || refit_without(found, e, &context.floors)

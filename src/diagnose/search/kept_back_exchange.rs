@@ -4,16 +4,15 @@
 //! back contradict the answer. A rival is fitted from the numbers of the answer: its own fit may have ended in a false minimum.
 //! RT: no.
 
-use crate::diagnose::judge::accept::is_admissible;
 use crate::diagnose::judge::confirmation::is_contradicted;
 use crate::diagnose::judge::credible_set::weight_in_set;
 use crate::diagnose::judge::criterion::{Context, compare};
-use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, with_effect};
 use crate::diagnose::library::candidates::{Candidate, look_alike};
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::search::basin_hopping::led_out;
 use crate::diagnose::search::budget::{allowance, is_spent, within};
+use crate::diagnose::search::converge_rivals::is_admitted;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use rayon::prelude::*;
@@ -96,8 +95,7 @@ fn fitted_in_its_place(
     let hypothesis = led_out(best, &found.noise, &context.floors);
     let gain = added.gain - compare(found, &hypothesis, context).total;
     let rival = CandidateFit { candidate: candidate.clone(), hypothesis, gain };
-    let stands = is_admissible(&rival.hypothesis, e, context) && !is_overly_flexible(found, &rival, context);
-    stands.then_some(rival)
+    is_admitted(found, &rival, e, context).then_some(rival)
 }
 
 #[cfg(test)]
