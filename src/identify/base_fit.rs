@@ -59,9 +59,8 @@ pub fn fitted(rig: &Rig, recordings: &[Recording], pooled: &Pooled, floors: &[f6
     let full = Problem::new(rig.clone(), recordings.to_vec());
     let direct = settled(&full, &rough, floors);
     // A false minimum leaves a misfit that anyone would see; only then the horizon has to grow.
-    let is_good = |h: &FittedModel| misfit(h, pooled, floors) < GOOD;
     let grown = match &direct {
-        Some(h) if is_good(h) => None,
+        Some(h) if follows(h, pooled, floors) => None,
         _ => grown(&full, &rough).and_then(|rig| settled(&full.with_rig(rig), &rough, floors)),
     };
     // One that is smaller than that leaves slow errors. Where feet land and joints stick, the start decides.
@@ -113,10 +112,12 @@ fn moved(rig: &Rig, factor: f64, wanted: impl Fn(Slot) -> bool) -> Rig {
 /// Largest misfit, in parts of a channel's spread, that is taken for the true minimum without a second start.
 const GOOD: f64 = 0.05;
 
-fn misfit(of: &FittedModel, pooled: &Pooled, floors: &[f64]) -> f64 {
+/// True if `of` leaves so little that it is taken for the true minimum.
+#[must_use]
+pub fn follows(of: &FittedModel, pooled: &Pooled, floors: &[f64]) -> bool {
     let relative =
         |(colour, (std, floor)): (&Colour, (&f64, &f64))| if floor.is_finite() { colour.sigma / std } else { 0.0 };
-    white(&of.residuals, floors).iter().zip(pooled.std.iter().zip(floors)).map(relative).fold(0.0, f64::max)
+    white(&of.residuals, floors).iter().zip(pooled.std.iter().zip(floors)).map(relative).fold(0.0, f64::max) < GOOD
 }
 
 /// A twentieth of each channel's spread as its noise, before anything is known.

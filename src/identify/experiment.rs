@@ -323,7 +323,7 @@ fn fresh(stretch: &[f64]) -> Vec<usize> {
 }
 
 /// With fewer rows than this nothing can be told apart from noise.
-const FEWEST_ROWS: usize = 10;
+pub(super) const FEWEST_ROWS: usize = 10;
 
 /// A row that misses a window's start by less belongs to it: decimal instants are not exact in binary.
 const ROUNDING_S: f64 = 1e-9;

@@ -19,6 +19,7 @@ pub mod experiment;
 pub mod fit;
 pub mod fitted_model;
 pub mod floor;
+pub mod horizon;
 pub mod identifiability;
 pub mod initial_states;
 pub mod likelihood;

@@ -20,6 +20,7 @@ use crate::identify::base_fit::{as_given, fitted};
 use crate::identify::experiment::Experiment;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
+use crate::identify::horizon::{is_cut, within_horizon};
 use crate::identify::likelihood::{samples, white};
 use crate::identify::noise::Colour;
 use crate::identify::outliers::drop_spikes;
@@ -44,14 +45,25 @@ pub(super) struct Start {
 
 impl Start {
     pub(super) fn of(experiment: &Experiment, seed: u64, said: &mut dyn FnMut(&str)) -> Result<Self, DiagnoseError> {
-        let (mut recordings, pooled, floors) = ready(experiment)?;
+        let (recordings, pooled, floors) = ready(experiment)?;
         said("base fit");
         let first =
             fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
+        let first = within_horizon(&experiment.rig, first, &pooled, &floors);
+        let is_in_pieces = is_cut(&recordings, &first.problem.recordings);
+        if is_in_pieces {
+            said(&format!(
+                "motion is chaotic: {} windows, no longer than their start can be told from",
+                first.problem.windows.len()
+            ));
+        }
+        let mut recordings = first.problem.recordings.to_vec();
         let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
         let given = as_given(&experiment.rig, &recordings, &pooled, &floors);
         let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
         let base = if let Some(given) = &given { no_worse(base, given, &floors) } else { base };
+        let held_out = HeldOut::of(experiment, &base.rig);
+        let held_out = held_out.map(|all| if is_in_pieces { all.in_pieces(&base, &floors) } else { all });
         let context = Context {
             samples: samples(&base.residuals, &floors),
             given: experiment.rig.effects.len(),
@@ -59,7 +71,7 @@ impl Start {
             floors,
             seed,
             ledger: Ledger::default(),
-            held_out: HeldOut::of(experiment, &base.rig).map(Arc::new),
+            held_out: held_out.map(Arc::new),
         };
         said(&format!("noise {:.3?}", base.noise));
         for (name, of) in estimates(&base) {

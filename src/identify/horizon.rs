@@ -1,0 +1,154 @@
+//! Windows no longer than their start can be told from: where motion is chaotic, free runs are fitted in shorter pieces.
+//!
+//! Two links that whirl forget their start in a third of a second. Over a window of several such times the misfit has a minimum for every
+//! turn more or less, fits end in one of them, and what was left out is not found from there (measured: a spring of a double
+//! pendulum, windows of 1.5 s, was answered as three ripples). Multiple shooting over pieces in which errors do not grow e-fold has one
+//! minimum (Pisarenko and Sornette, *Statistical methods of parameter estimation for deterministically chaotic time series*, 2004).
+//! RT: no.
+
+use crate::identify::base_fit::{fitted, follows};
+use crate::identify::experiment::{FEWEST_ROWS, Recording};
+use crate::identify::fit::FreeRuns;
+use crate::identify::fitted_model::FittedModel;
+use crate::identify::rollout::Pooled;
+use crate::model::rig::Rig;
+use rayon::prelude::*;
+use std::f64::consts::E;
+
+/// `first`, which is `rig` fitted, or where that follows badly and motion is chaotic the fit over halves of its windows, and so on.
+#[must_use]
+pub fn within_horizon(rig: &Rig, first: FittedModel, pooled: &Pooled, floors: &[f64]) -> FittedModel {
+    if follows(&first, pooled, floors) {
+        return first;
+    }
+    let shorter = pieces(&first);
+    if !is_cut(&first.problem.recordings, &shorter) {
+        return first;
+    }
+    match fitted(rig, &shorter, pooled, floors) {
+        Some(closer) => within_horizon(rig, closer, pooled, floors),
+        None => first,
+    }
+}
+
+/// The recordings of `of`, those in halves of their windows in one of which an error of the start grows e-fold.
+#[must_use]
+pub fn pieces(of: &FittedModel) -> Vec<Recording> {
+    let halved = |(r, recording): (usize, &Recording)| {
+        let window_s = recording.window_s.map(|whole_s| {
+            let has_rows = 0.5 * whole_s >= FEWEST_ROWS as f64 * recording.usual_row_s().unwrap_or(whole_s);
+            if has_rows && is_chaotic(of, r) { 0.5 * whole_s } else { whole_s }
+        });
+        Recording { window_s, ..recording.clone() }
+    };
+    of.problem.recordings.iter().enumerate().map(halved).collect()
+}
+
+/// True if `now` are the same recordings in other windows than `before`.
+#[must_use]
+pub fn is_cut(before: &[Recording], now: &[Recording]) -> bool {
+    before.iter().zip(now).any(|(before, now)| before.window_s != now.window_s)
+}
+
+/// True if an error of a coordinate at the start grows e-fold in a window of recording `r`. Not where feet land: a touchdown makes errors
+/// larger at once, however short the window.
+fn is_chaotic(of: &FittedModel, r: usize) -> bool {
+    let mine = (0..of.problem.windows()).into_par_iter().filter(|w| of.problem.windows[*w].0 == r);
+    !of.problem.recordings[r].has_steps() && mine.any(|w| grows(of, w))
+}
+
+/// True if an error of a coordinate at the start of window `w` grows e-fold there.
+fn grows(of: &FittedModel, w: usize) -> bool {
+    let Some(run) = of.problem.run(w, &of.point.parameters, &of.point.states[w], true) else { return false };
+    let (shared, degrees) = (of.point.parameters.len(), of.problem.degrees());
+    let mut positions = run.iter().zip(&of.problem.rig.sensors).filter(|(_, sensor)| !sensor.is_rate);
+    positions.any(|(series, _)| {
+        let slopes = || series.slopes.iter().skip(shared).take(degrees);
+        let first = slopes().filter_map(|slope| slope.first()).fold(0.0, |most: f64, s| most.max(s.abs()));
+        slopes().flatten().any(|s| s.abs() > E * first)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::base_fit::floors;
+    use crate::identify::fit::Limits;
+    use crate::identify::problem::Problem;
+    use crate::identify::synthesis::record;
+    use crate::model::rig::Effect;
+
+    const LINKS: &str = "schema = 1\nmechanism = \"double_pendulum\"\n[parameters]\ninertia1_kg_m2 = 0.014\n\
+        inertia2_kg_m2 = { value = 0.09, min = 0.04, max = 0.2 }\nmoment1_kg_m = 0.13\nmoment2_kg_m = { value = 0.31, min = 0.15, max = \
+        0.6 }\nmass2_kg = 1.05\nlength1_m = 0.24\ngravity_m_s2 = 9.81\n\
+        [[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 1.0\n\
+        [[sensor]]\nmeasures = \"q1\"\ncolumn = \"q1_rad\"\nnoise_std = 0.001\n\
+        [[sensor]]\nmeasures = \"q2\"\ncolumn = \"q2_rad\"\nnoise_std = 0.001\n\
+        [[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\nwindow_s = 1.5\n";
+    const SPRING: &str = "[[effect]]\neffect = \"parallel_spring\"\nat = \"q2\"\nstiffness = 1.2\nrest = -0.3\n";
+
+    /// Six seconds of `truth` from `initial`, and what a fit of [`LINKS`] comes to on whole windows and within the horizon.
+    fn fits(truth: &str, initial: [f64; 4]) -> [FittedModel; 2] {
+        let times: Vec<f64> = (0..1200).map(|k| f64::from(k) * 0.005).collect();
+        let input = times.iter().map(|t| 0.8 * libm::sin(5.0 * t)).collect();
+        let blank = Recording::new("a.csv", times, vec![input], Vec::new());
+        let measured = record(&Rig::parse(truth, "truth").unwrap(), &blank, &initial, Some(1)).unwrap().measured;
+        let recordings = [Recording { measured, window_s: Some(1.5), ..blank }];
+        let rig = Rig::parse(LINKS, "rig.toml").unwrap();
+        let pooled = Pooled::of(&rig, recordings.iter());
+        let floors = floors(&rig, &pooled, &recordings);
+        let first = fitted(&rig, &recordings, &pooled, &floors).unwrap();
+        let last = within_horizon(&rig, first.clone(), &pooled, &floors);
+        [first, last]
+    }
+
+    #[test]
+    fn links_that_whirl_with_a_force_unknown_are_followed_in_pieces_and_the_unknown_force_is_found_there() {
+        let truth = LINKS.to_owned() + SPRING;
+        let [first, last] = fits(&truth, [1.5, 2.5, 3.0, -2.0]);
+        assert!(last.problem.windows() >= 2 * first.problem.windows(), "{}", last.problem.windows());
+        // From a spring of nothing, fitted beside the base.
+        let mut springy = last.rig.clone();
+        let free = SPRING
+            .replace("1.2", "{ value = 0.01, min = 0.0, max = 10.0 }")
+            .replace("-0.3", "{ value = 0.0, min = -3.0, max = 3.0 }");
+        let spring: Effect = Rig::parse(&(LINKS.to_owned() + &free), "spring").unwrap().effects[0].clone();
+        springy.effects.push(spring);
+        let stiffness = |of: &FittedModel| {
+            let (problem, start) = of.extended(springy.clone());
+            let fit = FittedModel::fitted(problem, start, &of.noise, &[1e-4; 2], Limits::default()).unwrap();
+            fit.rig.effects[0].values[0].value
+        };
+        assert!((stiffness(&last) / 1.2 - 1.0).abs() < 0.02, "{}", stiffness(&last));
+        assert!(
+            (stiffness(&first) / 1.2 - 1.0).abs() > 0.2,
+            "the whole windows find it as well: {}",
+            stiffness(&first)
+        );
+    }
+
+    #[test]
+    fn what_follows_keeps_its_windows() {
+        let [first, last] = fits(LINKS, [1.5, 1.0, 1.0, -1.0]);
+        assert!(is_chaotic(&first, 0));
+        assert_eq!(first.problem.windows(), last.problem.windows());
+    }
+
+    /// A spring beside which a pendulum hangs.
+    #[test]
+    fn a_pendulum_that_forgets_its_start_keeps_its_windows_whatever_is_unknown() {
+        let rig = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\n\
+            gravity_nm = { value = 0.4, min = 0.39, max = 0.41 }\n[[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n\
+            [[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n[[effect]]\neffect = \"viscous_friction\"\nat = \"q1\"\nviscous = 0.02\n";
+        let truth = Problem::shaken(&(rig.to_owned() + SPRING).replace("q2", "q1"), Some(0.5), vec![0.0; 200]);
+        let measured = record(&truth.rig, &truth.recordings[0], &[0.4, 0.0], Some(1)).unwrap().measured;
+        let recordings = [Recording { measured, ..truth.recordings[0].clone() }];
+        let rig = Rig::parse(rig, "rig.toml").unwrap();
+        let pooled = Pooled::of(&rig, recordings.iter());
+        let floors = floors(&rig, &pooled, &recordings);
+        let first = fitted(&rig, &recordings, &pooled, &floors).unwrap();
+        assert!(!follows(&first, &pooled, &floors) && !is_chaotic(&first, 0));
+        let last = within_horizon(&rig, first.clone(), &pooled, &floors);
+        assert_eq!(first.problem.windows(), last.problem.windows());
+    }
+}
