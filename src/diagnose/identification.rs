@@ -10,7 +10,6 @@ use crate::identify::base_fit::fitted;
 use crate::identify::experiment::Experiment;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::horizon::within_horizon;
 use crate::identify::outliers::{cleaned, drop_spikes};
 use crate::identify::theta::{Entry, Theta};
 use crate::identify::validation::{Models, proof};
@@ -42,11 +41,9 @@ pub fn identify(experiment: &Experiment) -> Result<Identification, DiagnoseError
 /// # Errors
 /// See [`DiagnoseError`].
 pub fn identify_with(experiment: &Experiment, supposed: &[Supposed]) -> Result<Identification, DiagnoseError> {
-    let (recordings, pooled, floors) = ready(experiment)?;
+    let (mut recordings, pooled, floors) = ready(experiment)?;
     let rig = &experiment.rig;
     let first = fitted(rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
-    let first = within_horizon(rig, first, &pooled, &floors);
-    let mut recordings = first.problem.recordings.to_vec();
     let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
     let mut best = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
     for effect in supposed {

@@ -5,6 +5,8 @@
 //!    the steps and the smooth sign of friction of the simulator that made the recordings, if one did ([`numerics`]). These are asked
 //!    again beside the first effect, and beside all that was selected; if others are likelier there, the search starts anew with them,
 //!    and each effect that was found stands among its first candidates.
+//!    Where motion is chaotic and the base does not follow, all that and the search are made in pieces of the windows first ([`horizon`]);
+//!    what they find stands among the first candidates on whole windows.
 //! 2. [`search`], [`stepwise`]: forward selection. In a [`round`] every candidate of the [`library`] ([`candidates`],
 //!    [`initial_guesses`]) is scored by what one linear step promises ([`screen`], [`score_test`]); the best are fitted in full,
 //!    jointly with all base parameters.
@@ -86,6 +88,7 @@
 //! [`free_curve`]: nameless::free_curve
 //! [`headline`]: explain::headline
 //! [`held_out`]: robustness::held_out
+//! [`horizon`]: crate::identify::horizon
 //! [`initial_guesses`]: library::initial_guesses
 //! [`instants`]: robustness::instants
 //! [`interest`]: explain::interest

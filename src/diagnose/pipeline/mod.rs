@@ -59,12 +59,19 @@ pub fn diagnose(
     let began = Instant::now();
     let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
     let mut start = Start::of(experiment, options.seed, &mut said)?;
+    // Where whole windows hide what is missing in false minima, pieces show it first.
+    let stood = start.in_pieces(experiment, &mut said).map(|pieces| {
+        let selection = searched(experiment, &pieces, Vec::new(), |_| false, &mut said);
+        said("what was found in pieces, on whole windows");
+        start.computes_as_in(&pieces, experiment, &mut said);
+        start.each_on_whole_windows(&selection)
+    });
     let mut other = None;
     let shows_another = |found: &FittedModel| {
         other = start.base_shown_by(found);
         other.is_some()
     };
-    let mut selection = searched(experiment, &start, Vec::new(), shows_another, &mut said);
+    let mut selection = searched(experiment, &start, stood.unwrap_or_default(), shows_another, &mut said);
     let is_explained = !selection.added.is_empty();
     if let Some(base) = other.or_else(|| is_explained.then(|| start.base_shown_by(&selection.found))?) {
         start.computes_as(base, experiment, &mut said);

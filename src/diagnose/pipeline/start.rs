@@ -16,11 +16,11 @@ use crate::diagnose::screen::scales::scales;
 use crate::diagnose::screen::score_test::ScoreTest;
 use crate::diagnose::search::numerics::{stepped_from_given, to_its_end, with_likeliest_numerics, with_numerics};
 use crate::diagnose::search::stepwise::Selection;
-use crate::identify::base_fit::{as_given, fitted};
-use crate::identify::experiment::Experiment;
+use crate::identify::base_fit::{anew, as_given, fitted};
+use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::horizon::{is_cut, within_horizon};
+use crate::identify::horizon::within_horizon;
 use crate::identify::likelihood::{samples, white};
 use crate::identify::noise::Colour;
 use crate::identify::outliers::drop_spikes;
@@ -49,21 +49,35 @@ impl Start {
         said("base fit");
         let first =
             fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
-        let first = within_horizon(&experiment.rig, first, &pooled, &floors);
-        let is_in_pieces = is_cut(&recordings, &first.problem.recordings);
-        if is_in_pieces {
-            said(&format!(
-                "motion is chaotic: {} windows, no longer than their start can be told from",
-                first.problem.windows.len()
-            ));
-        }
-        let mut recordings = first.problem.recordings.to_vec();
+        Self::after(first, (recordings, pooled, floors), (experiment, seed), said)
+    }
+
+    /// The same on pieces of the windows where motion is chaotic and the base does not follow ([`within_horizon`]); `None` elsewhere.
+    pub(super) fn in_pieces(&self, experiment: &Experiment, said: &mut dyn FnMut(&str)) -> Option<Self> {
+        let (floors, seed) = (self.context.floors.clone(), self.context.seed);
+        let closer = within_horizon(&experiment.rig, &self.base, &self.pooled, &floors)?;
+        said(&format!(
+            "motion is chaotic: first in {} pieces, in which errors do not grow",
+            closer.problem.windows.len()
+        ));
+        let recordings = closer.problem.recordings.to_vec();
+        let mut start =
+            Self::after(closer, (recordings, self.pooled.clone(), floors), (experiment, seed), said).ok()?;
+        start.context.held_out = None;
+        Some(start)
+    }
+
+    /// From the first fit on.
+    fn after(
+        first: FittedModel,
+        (mut recordings, pooled, floors): (Vec<Recording>, Pooled, Vec<f64>),
+        (experiment, seed): (&Experiment, u64),
+        said: &mut dyn FnMut(&str),
+    ) -> Result<Self, DiagnoseError> {
         let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
         let given = as_given(&experiment.rig, &recordings, &pooled, &floors);
         let base = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
         let base = if let Some(given) = &given { no_worse(base, given, &floors) } else { base };
-        let held_out = HeldOut::of(experiment, &base.rig);
-        let held_out = held_out.map(|all| if is_in_pieces { all.in_pieces(&base, &floors) } else { all });
         let context = Context {
             samples: samples(&base.residuals, &floors),
             given: experiment.rig.effects.len(),
@@ -71,7 +85,7 @@ impl Start {
             floors,
             seed,
             ledger: Ledger::default(),
-            held_out: held_out.map(Arc::new),
+            held_out: HeldOut::of(experiment, &base.rig).map(Arc::new),
         };
         said(&format!("noise {:.3?}", base.noise));
         for (name, of) in estimates(&base) {
@@ -106,17 +120,38 @@ impl Start {
     /// Each effect of `selection`, which was found with other numerics, alone on top of the base: what a search has found the next one
     /// need not find again.
     pub(super) fn each_alone(&self, selection: &Selection) -> Vec<CandidateFit> {
+        let found = &selection.found;
+        self.each_fitted(selection, |rig| {
+            let (problem, point) = found.extended(rig);
+            to_its_end(found, problem, point, &self.context)
+        })
+    }
+
+    /// Each effect of `selection`, which was found in pieces of the windows, alone on the whole ones, from its numbers there.
+    pub(super) fn each_on_whole_windows(&self, selection: &Selection) -> Vec<CandidateFit> {
+        self.each_fitted(selection, |rig| anew(&self.base.problem, &rig, &self.context.floors))
+    }
+
+    /// Each effect of `selection` alone, as `fit` fits the rig with it.
+    fn each_fitted(&self, selection: &Selection, fit: impl Fn(Rig) -> Option<FittedModel>) -> Vec<CandidateFit> {
         let (found, given) = (&selection.found, self.context.given);
         let alone = |(i, added): (usize, &SelectedEffect)| {
             let mut rig = Rig { numerics: self.base.rig.numerics, ..found.rig.clone() };
             let own = rig.effects.get(given + i)?.clone();
             rig.effects.truncate(given);
             rig.effects.push(own);
-            let (problem, point) = found.extended(rig);
-            let hypothesis = to_its_end(found, problem, point, &self.context)?;
-            Some(CandidateFit { candidate: added.candidate.clone(), hypothesis, gain: 0.0 })
+            Some(CandidateFit { candidate: added.candidate.clone(), hypothesis: fit(rig)?, gain: 0.0 })
         };
         selection.added.iter().enumerate().filter_map(alone).collect()
+    }
+
+    /// With the numerics of a simulator that `pieces` of the windows show, if they show one.
+    pub(super) fn computes_as_in(&mut self, pieces: &Self, experiment: &Experiment, said: &mut dyn FnMut(&str)) {
+        if pieces.base.rig.numerics != self.base.rig.numerics
+            && let Some(base) = anew(&self.base.problem, &pieces.base.rig, &self.context.floors)
+        {
+            self.computes_as(base, experiment, said);
+        }
     }
 
     /// From `base`, which is fitted with other numerics.
@@ -167,7 +202,6 @@ pub(super) fn numerics_told(numerics: Numerics) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::experiment::Recording;
     use crate::identify::synthesis::record;
     use crate::model::effect::EffectKind;
     use crate::model::rig::{Effect, Side, Value};
@@ -205,6 +239,14 @@ mod tests {
     }
 
     #[test]
+    fn a_base_that_follows_is_not_searched_in_pieces() {
+        let rig = links("0.055", 0.21);
+        let start = start(rig.clone());
+        let recordings = start.base.problem.recordings.to_vec();
+        assert!(start.in_pieces(&Experiment { rig, recordings }, &mut |_| {}).is_none());
+    }
+
+    #[test]
     fn where_all_numbers_times_a_factor_are_of_no_body_either_one_of_them_moves_alone() {
         let start = start(links("{ value = 0.042, min = 0.02, max = 0.1 }", 0.263));
         assert!(start.given.is_none());
@@ -239,7 +281,9 @@ mod tests {
         start.base.rig.numerics.euler_step_s = Some(0.01);
         let alone = start.each_alone(&selection);
         assert_eq!(alone.len(), 2);
-        for trial in &alone {
+        let whole = start.each_on_whole_windows(&selection);
+        assert_eq!(whole.len(), 2);
+        for trial in alone.iter().chain(&whole) {
             let [effect] = &trial.hypothesis.rig.effects[..] else { panic!("not alone") };
             assert_eq!(effect.kind.id(), trial.candidate.effect);
             assert_eq!(trial.hypothesis.rig.numerics, start.base.rig.numerics);

@@ -9,11 +9,9 @@
 
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
-use crate::identify::base_fit::follows;
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Point;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::horizon::{is_cut, pieces};
 use crate::identify::likelihood::{Residuals, white};
 use crate::identify::noise::Colour;
 use crate::identify::outliers::clean;
@@ -48,16 +46,6 @@ impl HeldOut {
         }
         let pooled = Pooled::of(rig, recordings.iter());
         Some(Self { recordings: clean(rig, recordings).0, pooled, known: Mutex::default() })
-    }
-
-    /// The same in windows as short as fits of `base` would be made over.
-    #[must_use]
-    pub fn in_pieces(self, base: &FittedModel, floors: &[f64]) -> Self {
-        let Some(at) = self.predicted_by(base, floors).filter(|at| !follows(at, &self.pooled, floors)) else {
-            return self;
-        };
-        let recordings = pieces(&at);
-        if is_cut(&self.recordings, &recordings) { Self { recordings, ..self }.in_pieces(base, floors) } else { self }
     }
 
     /// What the free runs of `rig` leave, window by window. `None` if it runs away on one of the recordings.
