@@ -63,6 +63,7 @@ impl Start {
         let recordings = closer.problem.recordings.to_vec();
         let mut start =
             Self::after(closer, (recordings, self.pooled.clone(), floors), (experiment, seed), said).ok()?;
+        // What was kept back is asked on whole windows.
         start.context.held_out = None;
         Some(start)
     }
