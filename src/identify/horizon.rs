@@ -1,9 +1,9 @@
-//! Windows no longer than their start can be told from: where motion is chaotic, free runs are fitted in shorter pieces.
+//! Pieces of windows, short enough for chaotic motion.
 //!
 //! Two links that whirl forget their start in a third of a second. Over a window of several such times the misfit has a minimum for every
-//! turn more or less, fits end in one of them, and what was left out is not found from there (measured: a spring of a double
-//! pendulum, windows of 1.5 s, was answered as three ripples). Multiple shooting over pieces in which errors do not grow e-fold has one
-//! minimum (Pisarenko and Sornette, *Statistical methods of parameter estimation for deterministically chaotic time series*, 2004).
+//! turn more or less. A fit ends in one of them, and from there no effect that was left out is found (measured: a spring of a double
+//! pendulum, windows of 1.5 s, was answered as three ripples). Over pieces in which an error of the start does not grow e-fold the misfit
+//! is smooth (Pisarenko and Sornette, *Statistical methods of parameter estimation for deterministically chaotic time series*, 2004).
 //! RT: no.
 
 use crate::identify::base_fit::{fitted, follows};
@@ -15,7 +15,8 @@ use crate::model::rig::Rig;
 use rayon::prelude::*;
 use std::f64::consts::E;
 
-/// `rig` fitted over halves of the windows of `first`, its fit, and so on, where that follows badly and motion is chaotic; `None` elsewhere.
+/// `rig` fitted over the windows of `first`, its fit, halved until it follows or motion in them is not chaotic. `None` where nothing is to
+/// be halved.
 #[must_use]
 pub fn within_horizon(rig: &Rig, first: &FittedModel, pooled: &Pooled, floors: &[f64]) -> Option<FittedModel> {
     if follows(first, pooled, floors) {
@@ -131,9 +132,8 @@ mod tests {
         assert!(last.is_none());
     }
 
-    /// A spring beside which a pendulum hangs.
     #[test]
-    fn a_pendulum_that_forgets_its_start_keeps_its_windows_whatever_is_unknown() {
+    fn a_damped_pendulum_with_an_unknown_spring_keeps_its_windows() {
         let rig = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\n\
             gravity_nm = { value = 0.4, min = 0.39, max = 0.41 }\n[[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n\
             [[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\n[[effect]]\neffect = \"viscous_friction\"\nat = \"q1\"\nviscous = 0.02\n";

@@ -52,19 +52,17 @@ impl Start {
         Self::after(first, (recordings, pooled, floors), (experiment, seed), said)
     }
 
-    /// The same on pieces of the windows where motion is chaotic and the base does not follow ([`within_horizon`]); `None` elsewhere.
+    /// The same on pieces of the windows, where motion is chaotic and the base does not follow ([`within_horizon`]); `None` elsewhere.
     pub(super) fn in_pieces(&self, experiment: &Experiment, said: &mut dyn FnMut(&str)) -> Option<Self> {
         let (floors, seed) = (self.context.floors.clone(), self.context.seed);
         let closer = within_horizon(&experiment.rig, &self.base, &self.pooled, &floors)?;
-        said(&format!(
-            "motion is chaotic: first in {} pieces, in which errors do not grow",
-            closer.problem.windows.len()
-        ));
+        said(&format!("motion is chaotic: searched first in {} pieces of the windows", closer.problem.windows.len()));
         let recordings = closer.problem.recordings.to_vec();
         let mut start =
             Self::after(closer, (recordings, self.pooled.clone(), floors), (experiment, seed), said).ok()?;
-        // What was kept back is asked on whole windows.
+        // What was kept back is asked on whole windows; what is compared on pieces stands in the same list.
         start.context.held_out = None;
+        start.context.ledger = self.context.ledger.clone();
         Some(start)
     }
 
