@@ -22,12 +22,36 @@ pub fn takes_its_place(
     kept: f64,
     context: &Context,
 ) -> bool {
+    is_ahead(found, rival, added, (kept, CLEAR_LEAD), context)
+}
+
+/// The same of models that are fitted to the end: the likelier one stands, by however little. Which of two that are not told apart the
+/// search met first says nothing.
+#[must_use]
+pub fn is_likelier(
+    found: &FittedModel,
+    rival: &CandidateFit,
+    added: &SelectedEffect,
+    kept: f64,
+    context: &Context,
+) -> bool {
+    is_ahead(found, rival, added, (kept, 0.0), context)
+}
+
+/// True if `rival` leads by more than `lead` and what its more numbers gain by chance.
+fn is_ahead(
+    found: &FittedModel,
+    rival: &CandidateFit,
+    added: &SelectedEffect,
+    (kept, lead): (f64, f64),
+    context: &Context,
+) -> bool {
     let richer = LIMITS_OF.contains(&(added.candidate.effect, rival.candidate.effect));
     let least = if richer { (1.0 - NEARLY_ALL) * kept } else { 0.0 };
     let gain = -compare(found, &rival.hypothesis, context).total;
     let own = penalty(&added.candidate, found, context);
     let price = (penalty(&rival.candidate, &rival.hypothesis, context) - own).max(0.0);
-    let by_rule = gain > least.max(CLEAR_LEAD + price);
+    let by_rule = gain > least.max(lead + price);
     let evidence = Evidence::over(found, &rival.hypothesis, gain, 0);
     context.ledger.note(Comparison {
         question: "exchange",
@@ -81,6 +105,21 @@ mod tests {
         let numbers = (ahead / libm::log(context.samples as f64)) as usize + 1;
         rival.candidate.keys = vec![Key { name: "x", min: 0.0, max: 1.0, log: false }; numbers];
         assert!(!takes_its_place(&found, &rival, &added, 1000.0, &context), "{numbers} numbers gain that by chance");
+    }
+
+    #[test]
+    fn of_two_that_are_not_told_apart_the_likelier_stands_in_the_end() {
+        let lag = |value: &str| format!("[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = {value}\n");
+        let Shown { context, problem } = shown(&lag("0.02"));
+        let best = problem.fitted(&lag("{ value = 0.015, min = 0.0, max = 0.2 }"), 20).rig.effects[1].values[0].value;
+        let of = |value: f64| problem.trial("actuator_lag", "u", &lag(&value.to_string()), 5, 1000.0);
+        let (worse, better) = (of(best - 7e-5), of(best));
+        let added = problem.added("actuator_lag", "u", 1000.0, Vec::new());
+        let ahead = -compare(&worse.hypothesis, &better.hypothesis, &context).total;
+        assert!(ahead > 0.0 && ahead < CLEAR_LEAD, "{ahead}");
+        assert!(!takes_its_place(&worse.hypothesis, &better, &added, 1000.0, &context));
+        assert!(is_likelier(&worse.hypothesis, &better, &added, 1000.0, &context));
+        assert!(!is_likelier(&better.hypothesis, &worse, &added, 1000.0, &context));
     }
 
     #[test]

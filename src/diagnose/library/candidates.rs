@@ -55,6 +55,13 @@ impl Candidate {
             == (other.effect, &other.at, &other.only, &other.motor_sensor, other.side, order(other))
     }
 
+    /// True if it is another effect at the same place that data may take for this one ([`look_alike`]).
+    #[must_use]
+    pub fn looks_like(&self, other: &Self) -> bool {
+        let place = |c: &Self| (c.at.clone(), c.only.clone(), c.motor_sensor.clone(), c.side);
+        place(self) == place(other) && self.effect != other.effect && look_alike(self.effect, other.effect)
+    }
+
     /// Its place, and what tells it from others of its kind there.
     #[must_use]
     pub fn place(&self) -> String {
@@ -241,7 +248,7 @@ fn drive(a: &ActuatorScale, scales: &Scales) -> Vec<Candidate> {
             vec![linear("time_constant", 0.0, longest)],
             vec![vec![0.5 * scales.step_s]],
         ),
-        candidate("transport_delay", &a.column, vec![linear("delay", 0.0, longest)], vec![vec![0.5 * scales.step_s]]),
+        candidate("transport_delay", &a.column, vec![linear("delay", 0.0, longest)], delays(scales.step_s, longest)),
         candidate(
             "torque_limit",
             &a.column,
@@ -249,6 +256,15 @@ fn drive(a: &ActuatorScale, scales: &Scales) -> Vec<Candidate> {
             [1.0 - 0.1 * GENTLE, 0.95, 0.85, 0.7, 0.5].iter().map(|x| vec![x * a.peak]).collect(),
         ),
     ]
+}
+
+/// Delays from which a fit starts, in rows. A command is held from row to row: to a simulator with coarse steps each whole row is an edge
+/// that no gradient sees beyond.
+const DELAYS_ROWS: [f64; 6] = [0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
+
+/// Those that are no longer than `longest`, s.
+fn delays(step_s: f64, longest: f64) -> Vec<Vec<f64>> {
+    DELAYS_ROWS.iter().map(|rows| rows * step_s).filter(|delay| *delay <= longest).map(|delay| vec![delay]).collect()
 }
 
 fn sensing(s: &SensorScale, scales: &Scales) -> Vec<Candidate> {
@@ -261,7 +277,7 @@ fn sensing(s: &SensorScale, scales: &Scales) -> Vec<Candidate> {
             vec![linear("time_constant", 0.0, longest)],
             vec![vec![0.5 * scales.step_s]],
         ),
-        candidate("sensor_delay", &s.column, vec![linear("delay", 0.0, longest)], vec![vec![0.5 * scales.step_s]]),
+        candidate("sensor_delay", &s.column, vec![linear("delay", 0.0, longest)], delays(scales.step_s, longest)),
         candidate("sensor_bias", &s.column, vec![linear("bias", -3.0 * s.spread, 3.0 * s.spread)], vec![vec![0.0]]),
         candidate(
             "sensor_drift",
@@ -432,6 +448,16 @@ mod tests {
         let limit = library(&scales()).into_iter().find(|c| c.effect == "torque_limit").unwrap();
         let peak = scales().actuators[0].peak;
         assert!(limit.starts.iter().any(|s| s[0] < peak && s[0] > 0.99 * peak), "{:?}", limit.starts);
+    }
+
+    #[test]
+    fn a_delay_starts_in_whole_rows_as_far_as_its_range_goes() {
+        let longest = |c: &Candidate| c.keys[0].max;
+        let short = Scales { window_s: 0.03, ..scales() };
+        for c in library(&scales()).iter().chain(&library(&short)).filter(|c| c.effect.ends_with("_delay")) {
+            let whole = c.starts.iter().filter(|s| (s[0] / 0.0025).fract() == 0.0).count();
+            assert!(whole >= 2 && c.starts.iter().all(|s| s[0] <= longest(c)), "{:?} of {}", c.starts, longest(c));
+        }
     }
 
     #[test]

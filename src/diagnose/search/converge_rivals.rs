@@ -4,16 +4,19 @@
 
 use crate::diagnose::judge::accept::is_admissible;
 use crate::diagnose::judge::continuity::has_continuous_states;
-use crate::diagnose::judge::criterion::Context;
-use crate::diagnose::judge::exchange::takes_its_place;
+use crate::diagnose::judge::criterion::{Context, compare};
+use crate::diagnose::judge::exchange::is_likelier;
 use crate::diagnose::judge::flexibility::is_overly_flexible;
-use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without, with_effect};
+use crate::diagnose::library::candidates::Candidate;
+use crate::diagnose::search::basin_hopping::led_out;
 use crate::diagnose::search::budget::{allowance, is_spent, within};
 use crate::diagnose::search::exchange::in_its_place;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::initial_states::refit_states;
 use crate::identify::likelihood::is_misfit;
+use crate::model::effect::EffectKind;
 use rayon::prelude::*;
 
 /// Part of an effect's gain from which a rival is brought to rest, how many are, and how.
@@ -40,10 +43,9 @@ pub fn converge_rivals(
         }
         let total = |h: &FittedModel| -> f64 { h.blocks(&found.noise).iter().sum() };
         let comparable = |t: &&mut CandidateFit| t.hypothesis.rig.effects.len() == found.rig.effects.len();
-        let near = |t: &&mut CandidateFit| t.gain > NEARBY * a.gain && !t.candidate.is_same_as(&a.candidate);
-        let mut rivals: Vec<&mut CandidateFit> =
-            a.others.iter_mut().filter(comparable).filter(near).take(SETTLED).collect();
-        rivals.par_iter_mut().for_each(|trial| {
+        let others = a.others.iter_mut().filter(comparable).filter(|t| !t.candidate.is_same_as(&a.candidate));
+        let near = others.filter(|t| t.gain > NEARBY * a.gain).take(SETTLED);
+        near.collect::<Vec<_>>().into_par_iter().for_each(|trial| {
             // From where it stands, and from where the answer does: a rival may have stopped in a false minimum.
             let there = in_its_place(&found.rig, trial, context.given + i).map(|rig| found.extended(rig));
             let here = (trial.hypothesis.problem.clone(), trial.hypothesis.point.clone());
@@ -56,10 +58,19 @@ pub fn converge_rivals(
                 }
             }
         });
+        // What looks alike may be behind for a false minimum alone: it is fitted anew from where the answer stands.
+        let own = &a.candidate;
+        let alike = a.others.iter_mut().filter(comparable).filter(|t| t.candidate.looks_like(own));
+        alike.collect::<Vec<_>>().into_par_iter().for_each(|trial| {
+            let anew = fitted_in_its_place(&found, &trial.candidate, (a.gain, context.given + i), context);
+            if let Some(anew) = anew.filter(|anew| anew.gain > trial.gain) {
+                *trial = anew;
+            }
+        });
         let takes_it = |t: &CandidateFit| {
             let same_company = t.hypothesis.rig.effects.len() == found.rig.effects.len();
             same_company
-                && takes_its_place(&found, t, a, a.gain, context)
+                && is_likelier(&found, t, a, a.gain, context)
                 && is_admitted(&found, t, context.given + i, context)
         };
         let better = (0..a.others.len()).filter(|k| takes_it(&a.others[*k]));
@@ -85,16 +96,65 @@ pub(super) fn is_admitted(found: &FittedModel, trial: &CandidateFit, e: usize, c
     !is_overly_flexible(found, trial, context) && is_admissible(&trial.hypothesis, e, context) && goes_on()
 }
 
+/// `candidate` in the place of effect `e`, which gains `gain`, from the best of its starts; `None` if it may not stand there.
+pub(super) fn fitted_in_its_place(
+    found: &FittedModel,
+    candidate: &Candidate,
+    (gain, e): (f64, usize),
+    context: &Context,
+) -> Option<CandidateFit> {
+    let total = |h: &FittedModel| -> f64 { h.blocks(&found.noise).iter().sum() };
+    let from = |start: &Vec<f64>| {
+        let mut rig = with_effect(&found.rig, candidate, start);
+        rig.effects.swap_remove(e);
+        let (problem, point) = found.extended(rig);
+        within(allowance(found), found, problem, point, (&found.noise, RIVAL_FIT), context)
+    };
+    let same = same_numbers(found, candidate, e);
+    let best = candidate.starts.iter().chain(&same).filter_map(from).max_by(|a, b| total(a).total_cmp(&total(b)))?;
+    let hypothesis = led_out(best, &found.noise, &context.floors);
+    let gain = gain - compare(found, &hypothesis, context).total;
+    let rival = CandidateFit { candidate: candidate.clone(), hypothesis, gain };
+    is_admitted(found, &rival, e, context).then_some(rival)
+}
+
+/// The numbers of effect `e`, where those of `candidate` have the same units: a lag and a delay of one time look most alike.
+fn same_numbers(found: &FittedModel, candidate: &Candidate, e: usize) -> Option<Vec<f64>> {
+    let units = |kind: EffectKind| kind.keys().iter().map(|key| key.unit).collect::<Vec<_>>();
+    let (stands, other) = (found.rig.effects.get(e)?, EffectKind::from_id(candidate.effect)?);
+    let values = stands.values.iter().zip(&candidate.keys).map(|(v, key)| v.value.clamp(key.min, key.max)).collect();
+    (units(stands.kind) == units(other)).then_some(values)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::diagnose::judge::criterion::compare;
     use crate::diagnose::judge::worked::{Shown, shown};
+    use crate::diagnose::library::candidates::Key;
 
     const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = ";
     const DELAY: &str = "[[effect]]\neffect = \"transport_delay\"\nat = \"u\"\ndelay = ";
 
     /// A lag of 20 ms, for which a delay was taken while the lag's own fit had been stopped at once.
+    /// A delay of 20 ms, for which a lag was taken while the delay's own fit stands in a false minimum, far behind.
+    #[test]
+    fn what_looks_alike_is_fitted_anew_from_where_the_answer_stands() {
+        let Shown { context, problem } = shown(&format!("{DELAY}0.02\n"));
+        let found = problem.fitted(&format!("{LAG}{{ value = 0.01, min = 0.0, max = 0.2 }}\n"), 25);
+        let lag = found.rig.effects[context.given].values[0].value;
+        let mut rival = problem.trial("transport_delay", "u", &format!("{DELAY}0.001\n"), 1, 10.0);
+        rival.candidate.keys = vec![Key { name: "delay", min: 0.0, max: 0.2, log: false }];
+        assert_eq!(same_numbers(&found, &rival.candidate, context.given), Some(vec![lag]));
+        let drag = problem.candidate("quadratic_drag", "q1");
+        assert_eq!(same_numbers(&found, &drag, context.given), None, "of another unit");
+        let (found, added) =
+            converge_rivals(found, vec![problem.added("actuator_lag", "u", 1000.0, vec![rival])], &context);
+        assert_eq!(added[0].candidate.effect, "transport_delay");
+        let delay = found.rig.effects[context.given].values[0].value;
+        assert!((delay / 0.02 - 1.0).abs() < 0.03, "{delay}");
+    }
+
     #[test]
     fn a_rival_that_was_stopped_early_takes_its_place() {
         let truth = format!("{LAG}0.02\n");

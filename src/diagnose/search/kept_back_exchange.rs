@@ -6,19 +6,14 @@
 
 use crate::diagnose::judge::confirmation::is_contradicted;
 use crate::diagnose::judge::credible_set::weight_in_set;
-use crate::diagnose::judge::criterion::{Context, compare};
-use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, with_effect};
-use crate::diagnose::library::candidates::{Candidate, look_alike};
+use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::held_out::Confirmation;
-use crate::diagnose::search::basin_hopping::led_out;
-use crate::diagnose::search::budget::{allowance, is_spent, within};
-use crate::diagnose::search::converge_rivals::is_admitted;
-use crate::identify::fit::Limits;
+use crate::diagnose::search::budget::is_spent;
+use crate::diagnose::search::converge_rivals::fitted_in_its_place;
 use crate::identify::fitted_model::FittedModel;
 use rayon::prelude::*;
-
-/// Of a rival in the place of an effect.
-const RIVAL_FIT: Limits = Limits { iterations: 25, tolerance: 1e-5 };
 
 /// Exchanges each effect for the lookalike that explains what was fitted as well, as far as these data tell, and that recordings
 /// kept back bear out against it, if there is one. True if any was exchanged.
@@ -68,34 +63,11 @@ fn lookalikes(
     (added, e): (&SelectedEffect, usize),
     context: &Context,
 ) -> Vec<CandidateFit> {
-    let own = &added.candidate;
-    let alike = |other: &&Candidate| {
-        let same_place = other.at == own.at && other.side == own.side && other.motor_sensor == own.motor_sensor;
-        same_place && other.only == own.only && other.effect != own.effect && look_alike(other.effect, own.effect)
-    };
-    let rivals: Vec<&Candidate> = library.iter().filter(alike).collect();
-    rivals.into_par_iter().filter_map(|candidate| fitted_in_its_place(found, candidate, (added, e), context)).collect()
-}
-
-/// `candidate` in the place of effect `e`, from the best of its starts; `None` if it may not stand there.
-fn fitted_in_its_place(
-    found: &FittedModel,
-    candidate: &Candidate,
-    (added, e): (&SelectedEffect, usize),
-    context: &Context,
-) -> Option<CandidateFit> {
-    let total = |h: &FittedModel| -> f64 { h.blocks(&found.noise).iter().sum() };
-    let from = |start: &Vec<f64>| {
-        let mut rig = with_effect(&found.rig, candidate, start);
-        rig.effects.swap_remove(e);
-        let (problem, point) = found.extended(rig);
-        within(allowance(found), found, problem, point, (&found.noise, RIVAL_FIT), context)
-    };
-    let best = candidate.starts.iter().filter_map(from).max_by(|a, b| total(a).total_cmp(&total(b)))?;
-    let hypothesis = led_out(best, &found.noise, &context.floors);
-    let gain = added.gain - compare(found, &hypothesis, context).total;
-    let rival = CandidateFit { candidate: candidate.clone(), hypothesis, gain };
-    is_admitted(found, &rival, e, context).then_some(rival)
+    let rivals: Vec<&Candidate> = library.iter().filter(|other| other.looks_like(&added.candidate)).collect();
+    rivals
+        .into_par_iter()
+        .filter_map(|candidate| fitted_in_its_place(found, candidate, (added.gain, e), context))
+        .collect()
 }
 
 #[cfg(test)]
