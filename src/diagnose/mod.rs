@@ -5,14 +5,15 @@
 //!    the steps and the smooth sign of friction of the simulator that made the recordings, if one did ([`numerics`]). These are asked
 //!    again beside the first effect, and beside all that was selected; if others are likelier there, the search starts anew with them,
 //!    and each effect that was found stands among its first candidates.
-//!    Where motion is chaotic and the base does not follow, all that and the search are made in pieces of the windows first ([`horizon`]);
-//!    what they find stands among the first candidates on whole windows.
+//!    Where motion is chaotic, the base does not follow and the walk to step 5 names nothing that holds, all that and the search are
+//!    made in pieces of the windows ([`horizon`]); what they find stands among the first candidates of a second walk on whole windows.
 //! 2. [`search`], [`stepwise`]: forward selection. In a [`round`] every candidate of the [`library`] ([`candidates`],
 //!    [`initial_guesses`]) is scored by what one linear step promises ([`screen`], [`score_test`]); the best are fitted in full,
 //!    jointly with all base parameters.
 //!    The first that is accepted, and stays off its bounds when it is fitted to the end, is added; then the next round. There
 //!    the [`runners_up`] of the last one are fitted whatever they promise, and alone where there is no time for more.
-//! 3. [`pairwise_exchange`], [`exchange`], [`converge_rivals`]: neighbours of the selected model, each kept if better.
+//! 3. [`pairwise_exchange`], [`exchange`], [`converge_rivals`]: neighbours of the selected model, each kept if better; what looks like an
+//!    effect is fitted anew in its place.
 //! 4. [`nameless`], [`residual_force`]: does a force without a name ([`force_patterns`]) say more ([`free_curve`], [`change_point`])? Are all recordings of one
 //!    machine ([`pooling_test`])?
 //! 5. [`robustness`], [`interest`]: what is too small to matter, not told from nothing, at the edge of the range in which it was

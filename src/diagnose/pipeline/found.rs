@@ -2,13 +2,14 @@
 //!
 //! RT: no.
 
-use super::start::numerics_told;
+use super::start::{Start, numerics_told};
 use crate::diagnose::explain::answer_sets::answer_sets;
 use crate::diagnose::explain::headline::{costs, headline};
 use crate::diagnose::explain::laws;
 use crate::diagnose::explain::localise::places;
 use crate::diagnose::explain::tables::{parameter_lines, ranking};
 use crate::diagnose::input_checks::{at_bounds, suspicions};
+use crate::diagnose::judge::confirmation::is_contradicted;
 use crate::diagnose::judge::criterion::{Context, explained_part};
 use crate::diagnose::judge::estimates::undetermined_combinations;
 use crate::diagnose::judge::rejected::rejected;
@@ -18,6 +19,7 @@ use crate::diagnose::judge::verdict::{
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::nameless::residual_force::Unlisted;
 use crate::diagnose::sentence;
+use crate::identify::base_fit::follows;
 use crate::identify::experiment::Experiment;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::floor::complaints;
@@ -43,6 +45,13 @@ pub(super) struct Found {
 impl Found {
     fn is_unlisted(&self) -> bool {
         self.rest.is_some()
+    }
+
+    /// True if effects were found that leave nothing without a name, with which the simulation follows, and which recordings kept back do
+    /// not contradict.
+    pub(super) fn holds(&self, start: &Start) -> bool {
+        let is_followed = || follows(&self.found, &start.pooled, &start.context.floors);
+        !self.added.is_empty() && !self.is_unlisted() && is_followed() && !is_contradicted(&self.found, &start.context)
     }
 
     /// What a person should know of the search and of the model that it came to.

@@ -17,6 +17,7 @@ use crate::identify::experiment::Experiment;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::outliers::cleaned;
 use crate::model::rig::Rig;
+use found::Found;
 use stages::{finished, without_slow_noise};
 use start::{RUNS_AWAY, Start, computing_as};
 use std::time::Instant;
@@ -58,37 +59,61 @@ pub fn diagnose(
 ) -> Result<Answer, DiagnoseError> {
     let began = Instant::now();
     let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
-    let mut start = Start::of(experiment, options.seed, &mut said)?;
-    // Where whole windows hide what is missing in false minima, pieces show it first.
-    let stood = start.in_pieces(experiment, &mut said).map(|pieces| {
-        let selection = searched(experiment, &pieces, Vec::new(), |_| false, &mut said);
+    let first = Start::of(experiment, options.seed, &mut said)?;
+    let mut walk = on_whole_windows(experiment, first.clone(), Vec::new(), (options, &mut said));
+    // Whole windows may hide what is missing in false minima: pieces of them show it.
+    let pieces = if walk.found.holds(&walk.start) { None } else { first.in_pieces(experiment, &mut said) };
+    if let Some(pieces) = pieces {
+        let shown = searched(experiment, &pieces, Vec::new(), |_| false, &mut said);
         said("what was found in pieces, on whole windows");
-        start.computes_as_in(&pieces, experiment, &mut said);
-        start.each_on_whole_windows(&selection)
-    });
+        let mut again = first.with_own_effort();
+        again.computes_as_in(&pieces, experiment, &mut said);
+        let stood = again.each_on_whole_windows(&shown);
+        walk = on_whole_windows(experiment, again, stood, (options, &mut said));
+    }
+    let OnWholeWindows { start, found, last, cut_short } = walk;
+    let (clean, left_out) = cleaned(experiment, &found.explained().rig);
+    let mut warnings = warnings(experiment, start.dropped.max(left_out));
+    warnings.extend(start.given.is_none().then(|| RUNS_AWAY.to_owned()));
+    warnings.extend(found.warnings(experiment, cut_short, &start.context));
+    said("proof");
+    let mut findings = found.findings(&clean, &start.context, &last, warnings)?;
+    findings.warnings.extend(contradicted(&findings.diagnosis.fit));
+    findings.diagnosis.seconds = began.elapsed().as_secs_f64();
+    Ok(Answer { findings, model: found.model(experiment), comparisons: start.context.ledger.all() })
+}
+
+/// A search on the windows of the rig, and what of it stands.
+struct OnWholeWindows {
+    start: Start,
+    found: Found,
+    /// The candidates of its last round.
+    last: Vec<CandidateFit>,
+    cut_short: bool,
+}
+
+/// The search on the windows of the rig; anew where a simulator's numerics stand for what was found. `stood`: as in [`searched`].
+fn on_whole_windows(
+    experiment: &Experiment,
+    mut start: Start,
+    stood: Vec<CandidateFit>,
+    (options, said): (Options, &mut dyn FnMut(&str)),
+) -> OnWholeWindows {
     let mut other = None;
     let shows_another = |found: &FittedModel| {
         other = start.base_shown_by(found);
         other.is_some()
     };
-    let mut selection = searched(experiment, &start, stood.unwrap_or_default(), shows_another, &mut said);
+    let mut selection = searched(experiment, &start, stood, shows_another, said);
     let is_explained = !selection.added.is_empty();
     if let Some(base) = other.or_else(|| is_explained.then(|| start.base_shown_by(&selection.found))?) {
-        start.computes_as(base, experiment, &mut said);
+        start.computes_as(base, experiment, said);
         let stood = start.each_alone(&selection);
-        selection = searched(experiment, &start, stood, |_| false, &mut said);
+        selection = searched(experiment, &start, stood, |_| false, said);
     }
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
-    let answer = finished(&start, selection, options.least_share, &mut said);
-    let (clean, left_out) = cleaned(experiment, &answer.explained().rig);
-    let mut warnings = warnings(experiment, start.dropped.max(left_out));
-    warnings.extend(start.given.is_none().then(|| RUNS_AWAY.to_owned()));
-    warnings.extend(answer.warnings(experiment, cut_short, &start.context));
-    said("proof");
-    let mut findings = answer.findings(&clean, &start.context, &last, warnings)?;
-    findings.warnings.extend(contradicted(&findings.diagnosis.fit));
-    findings.diagnosis.seconds = began.elapsed().as_secs_f64();
-    Ok(Answer { findings, model: answer.model(experiment), comparisons: start.context.ledger.all() })
+    let found = finished(&start, selection, options.least_share, said);
+    OnWholeWindows { start, found, last, cut_short }
 }
 
 /// Forward selection over the library. `stood`: what an earlier search found, on top of the base; `is_vain`: true of the fit with the first effect if the base is another one beside it.

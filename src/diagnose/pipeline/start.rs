@@ -33,6 +33,7 @@ pub(super) const RUNS_AWAY: &str =
     "with the numbers as given the simulation runs away; perhaps no rigid body has such masses and inertias";
 
 /// What a search starts from.
+#[derive(Clone)]
 pub(super) struct Start {
     pub(super) pooled: Pooled,
     /// Samples that were left out.
@@ -56,7 +57,7 @@ impl Start {
     pub(super) fn in_pieces(&self, experiment: &Experiment, said: &mut dyn FnMut(&str)) -> Option<Self> {
         let (floors, seed) = (self.context.floors.clone(), self.context.seed);
         let closer = within_horizon(&experiment.rig, &self.base, &self.pooled, &floors)?;
-        said(&format!("motion is chaotic: searched first in {} pieces of the windows", closer.problem.windows.len()));
+        said(&format!("motion is chaotic: searched in {} pieces of the windows", closer.problem.windows.len()));
         let recordings = closer.problem.recordings.to_vec();
         let mut start =
             Self::after(closer, (recordings, self.pooled.clone(), floors), (experiment, seed), said).ok()?;
@@ -64,6 +65,14 @@ impl Start {
         start.context.held_out = None;
         start.context.ledger = self.context.ledger.clone();
         Some(start)
+    }
+
+    /// The same, its work counted anew.
+    pub(super) fn with_own_effort(mut self) -> Self {
+        for of in self.given.iter_mut().chain([&mut self.base]) {
+            of.problem = of.problem.clone().with_allowance(u64::MAX);
+        }
+        self
     }
 
     /// From the first fit on.
