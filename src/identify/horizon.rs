@@ -15,19 +15,19 @@ use crate::model::rig::Rig;
 use rayon::prelude::*;
 use std::f64::consts::E;
 
-/// `rig` fitted over the windows of `first`, its fit, halved until it follows or motion in them is not chaotic. `None` where nothing is to
-/// be halved.
+/// `rig` fitted over halves of the windows of `first`, its fit, over halves of these, and so on until motion in none of them is chaotic.
+/// Nothing where `first` follows.
 #[must_use]
-pub fn within_horizon(rig: &Rig, first: &FittedModel, pooled: &Pooled, floors: &[f64]) -> Option<FittedModel> {
-    if follows(first, pooled, floors) {
-        return None;
+pub fn within_horizon(rig: &Rig, first: &FittedModel, pooled: &Pooled, floors: &[f64]) -> Vec<FittedModel> {
+    let mut closer: Vec<FittedModel> = Vec::new();
+    while !follows(first, pooled, floors) {
+        let now = closer.last().unwrap_or(first);
+        let shorter = pieces(now);
+        let is_cut = is_cut(&now.problem.recordings, &shorter);
+        let Some(next) = is_cut.then(|| fitted(rig, &shorter, pooled, floors)).flatten() else { break };
+        closer.push(next);
     }
-    let shorter = pieces(first);
-    if !is_cut(&first.problem.recordings, &shorter) {
-        return None;
-    }
-    let closer = fitted(rig, &shorter, pooled, floors)?;
-    within_horizon(rig, &closer, pooled, floors).or(Some(closer))
+    closer
 }
 
 /// The recordings of `of`, those in halves of their windows in one of which an error of the start grows e-fold.
@@ -85,7 +85,7 @@ mod tests {
     const SPRING: &str = "[[effect]]\neffect = \"parallel_spring\"\nat = \"q2\"\nstiffness = 1.2\nrest = -0.3\n";
 
     /// Six seconds of `truth` from `initial`, and what a fit of [`LINKS`] comes to on whole windows and within the horizon.
-    fn fits(truth: &str, initial: [f64; 4]) -> (FittedModel, Option<FittedModel>) {
+    fn fits(truth: &str, initial: [f64; 4]) -> (FittedModel, Vec<FittedModel>) {
         let times: Vec<f64> = (0..1200).map(|k| f64::from(k) * 0.005).collect();
         let input = times.iter().map(|t| 0.8 * libm::sin(5.0 * t)).collect();
         let blank = Recording::new("a.csv", times, vec![input], Vec::new());
@@ -95,16 +95,17 @@ mod tests {
         let pooled = Pooled::of(&rig, recordings.iter());
         let floors = floors(&rig, &pooled, &recordings);
         let first = fitted(&rig, &recordings, &pooled, &floors).unwrap();
-        let last = within_horizon(&rig, &first, &pooled, &floors);
-        (first, last)
+        let closer = within_horizon(&rig, &first, &pooled, &floors);
+        (first, closer)
     }
 
     #[test]
     fn links_that_whirl_with_a_force_unknown_are_followed_in_pieces_and_the_unknown_force_is_found_there() {
         let truth = LINKS.to_owned() + SPRING;
-        let (first, last) = fits(&truth, [1.5, 2.5, 3.0, -2.0]);
-        let last = last.unwrap();
-        assert!(last.problem.windows() >= 2 * first.problem.windows(), "{}", last.problem.windows());
+        let (first, closer) = fits(&truth, [1.5, 2.5, 3.0, -2.0]);
+        let windows: Vec<usize> = closer.iter().map(|of| of.problem.windows()).collect();
+        assert!(windows[0] > first.problem.windows() && windows.is_sorted_by(|a, b| a < b), "{windows:?}");
+        let last = closer.last().unwrap();
         // From a spring of nothing, fitted beside the base.
         let mut springy = last.rig.clone();
         let free = SPRING
@@ -117,7 +118,7 @@ mod tests {
             let fit = FittedModel::fitted(problem, start, &of.noise, &[1e-4; 2], Limits::default()).unwrap();
             fit.rig.effects[0].values[0].value
         };
-        assert!((stiffness(&last) / 1.2 - 1.0).abs() < 0.02, "{}", stiffness(&last));
+        assert!((stiffness(last) / 1.2 - 1.0).abs() < 0.02, "{}", stiffness(last));
         assert!(
             (stiffness(&first) / 1.2 - 1.0).abs() > 0.2,
             "the whole windows find it as well: {}",
@@ -127,9 +128,9 @@ mod tests {
 
     #[test]
     fn what_follows_keeps_its_windows() {
-        let (first, last) = fits(LINKS, [1.5, 1.0, 1.0, -1.0]);
+        let (first, closer) = fits(LINKS, [1.5, 1.0, 1.0, -1.0]);
         assert!(is_chaotic(&first, 0));
-        assert!(last.is_none());
+        assert!(closer.is_empty());
     }
 
     #[test]
@@ -145,6 +146,6 @@ mod tests {
         let floors = floors(&rig, &pooled, &recordings);
         let first = fitted(&rig, &recordings, &pooled, &floors).unwrap();
         assert!(!follows(&first, &pooled, &floors) && !is_chaotic(&first, 0));
-        assert!(within_horizon(&rig, &first, &pooled, &floors).is_none());
+        assert!(within_horizon(&rig, &first, &pooled, &floors).is_empty());
     }
 }

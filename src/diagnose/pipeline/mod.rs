@@ -62,14 +62,10 @@ pub fn diagnose(
     let first = Start::of(experiment, options.seed, &mut said)?;
     let mut walk = on_whole_windows(experiment, first.clone(), Vec::new(), (options, &mut said));
     // Whole windows may hide what is missing in false minima: pieces of them show it.
-    let pieces = if walk.found.holds(&walk.start) { None } else { first.in_pieces(experiment, &mut said) };
-    if let Some(pieces) = pieces {
-        let shown = searched(experiment, &pieces, Vec::new(), |_| false, &mut said);
-        said("what was found in pieces, on whole windows");
-        let mut again = first.with_own_effort();
-        again.computes_as_in(&pieces, experiment, &mut said);
-        let stood = again.each_on_whole_windows(&shown);
-        walk = on_whole_windows(experiment, again, stood, (options, &mut said));
+    let closer = if walk.found.holds(&walk.start) { Vec::new() } else { first.closer(experiment) };
+    if let Some(again) = from_pieces(experiment, first, &closer, &mut said) {
+        let (start, stood) = again;
+        walk = on_whole_windows(experiment, start, stood, (options, &mut said));
     }
     let OnWholeWindows { start, found, last, cut_short } = walk;
     let (clean, left_out) = cleaned(experiment, &found.explained().rig);
@@ -90,6 +86,32 @@ struct OnWholeWindows {
     /// The candidates of its last round.
     last: Vec<CandidateFit>,
     cut_short: bool,
+}
+
+/// What a walk on whole windows starts from, by what pieces of them show: base and numerics from the shortest (the numerics from longer ones
+/// if these show none), and the effects that a search finds in the longest which the base follows. No search where the base then leaves but
+/// noise. `closer`: [`Start::closer`] of `first`.
+fn from_pieces(
+    experiment: &Experiment,
+    first: Start,
+    closer: &[FittedModel],
+    said: &mut dyn FnMut(&str),
+) -> Option<(Start, Vec<CandidateFit>)> {
+    let shortest = first.in_pieces(closer.last()?, experiment, said)?;
+    let numerics = first.base.rig.numerics;
+    let mut start = first.with_own_effort();
+    start.goes_on_from(&shortest, experiment, said);
+    if start.leaves_noise() {
+        return Some((start, Vec::new()));
+    }
+    let pieces = start.in_pieces(start.longest_followed(closer)?, experiment, said)?;
+    let shown = searched(experiment, &pieces, Vec::new(), |_| false, said);
+    said("what was found in pieces, on whole windows");
+    if start.base.rig.numerics == numerics {
+        start.goes_on_from(&pieces, experiment, said);
+    }
+    let stood = start.each_on_whole_windows(&shown);
+    Some((start, stood))
 }
 
 /// The search on the windows of the rig; anew where a simulator's numerics stand for what was found. `stood`: as in [`searched`].

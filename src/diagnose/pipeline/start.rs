@@ -16,12 +16,12 @@ use crate::diagnose::screen::scales::scales;
 use crate::diagnose::screen::score_test::ScoreTest;
 use crate::diagnose::search::numerics::{stepped_from_given, to_its_end, with_likeliest_numerics, with_numerics};
 use crate::diagnose::search::stepwise::Selection;
-use crate::identify::base_fit::{anew, as_given, fitted};
+use crate::identify::base_fit::{anew, as_given, fitted, follows};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::horizon::within_horizon;
-use crate::identify::likelihood::{samples, white};
+use crate::identify::likelihood::{is_misfit, samples, white};
 use crate::identify::noise::Colour;
 use crate::identify::outliers::drop_spikes;
 use crate::identify::rollout::Pooled;
@@ -53,18 +53,34 @@ impl Start {
         Self::after(first, (recordings, pooled, floors), (experiment, seed), said)
     }
 
-    /// The same on pieces of the windows, where motion is chaotic and the base does not follow ([`within_horizon`]); `None` elsewhere.
-    pub(super) fn in_pieces(&self, experiment: &Experiment, said: &mut dyn FnMut(&str)) -> Option<Self> {
+    /// Fits of the base over pieces of the windows, longer ones first, where motion is chaotic and the base does not follow
+    /// ([`within_horizon`]); nothing elsewhere.
+    pub(super) fn closer(&self, experiment: &Experiment) -> Vec<FittedModel> {
+        within_horizon(&experiment.rig, &self.base, &self.pooled, &self.context.floors)
+    }
+
+    /// The same on the pieces of `closer`.
+    pub(super) fn in_pieces(
+        &self,
+        closer: &FittedModel,
+        experiment: &Experiment,
+        said: &mut dyn FnMut(&str),
+    ) -> Option<Self> {
         let (floors, seed) = (self.context.floors.clone(), self.context.seed);
-        let closer = within_horizon(&experiment.rig, &self.base, &self.pooled, &floors)?;
-        said(&format!("motion is chaotic: searched in {} pieces of the windows", closer.problem.windows.len()));
+        said(&format!("motion is chaotic: in {} pieces of the windows", closer.problem.windows.len()));
         let recordings = closer.problem.recordings.to_vec();
         let mut start =
-            Self::after(closer, (recordings, self.pooled.clone(), floors), (experiment, seed), said).ok()?;
+            Self::after(closer.clone(), (recordings, self.pooled.clone(), floors), (experiment, seed), said).ok()?;
         // What was kept back is asked on whole windows; what is compared on pieces stands in the same list.
         start.context.held_out = None;
         start.context.ledger = self.context.ledger.clone();
         Some(start)
+    }
+
+    /// Of fits over ever shorter pieces the first that follows, or the shortest.
+    pub(super) fn longest_followed<'c>(&self, closer: &'c [FittedModel]) -> Option<&'c FittedModel> {
+        let follows = |of: &&FittedModel| follows(of, &self.pooled, &self.context.floors);
+        closer.iter().find(follows).or_else(|| closer.last())
     }
 
     /// The same, its work counted anew.
@@ -153,13 +169,20 @@ impl Start {
         selection.added.iter().enumerate().filter_map(alone).collect()
     }
 
-    /// With the numerics of a simulator that `pieces` of the windows show, if they show one.
-    pub(super) fn computes_as_in(&mut self, pieces: &Self, experiment: &Experiment, said: &mut dyn FnMut(&str)) {
-        if pieces.base.rig.numerics != self.base.rig.numerics
-            && let Some(base) = anew(&self.base.problem, &pieces.base.rig, &self.context.floors)
-        {
+    /// From the base of `pieces`, with the numerics of a simulator that they show: fitted anew on whole windows. It stays as it is where
+    /// the numerics are the same and it is the likelier one.
+    pub(super) fn goes_on_from(&mut self, pieces: &Self, experiment: &Experiment, said: &mut dyn FnMut(&str)) {
+        let Some(base) = anew(&self.base.problem, &pieces.base.rig, &self.context.floors) else { return };
+        if base.rig.numerics != self.base.rig.numerics {
             self.computes_as(base, experiment, said);
+        } else if base.likelihood > self.base.likelihood {
+            self.base = base;
         }
+    }
+
+    /// True if the base alone leaves but noise.
+    pub(super) fn leaves_noise(&self) -> bool {
+        !is_misfit(&self.base.residuals, &self.context.floors)
     }
 
     /// From `base`, which is fitted with other numerics.
@@ -251,7 +274,7 @@ mod tests {
         let rig = links("0.055", 0.21);
         let start = start(rig.clone());
         let recordings = start.base.problem.recordings.to_vec();
-        assert!(start.in_pieces(&Experiment { rig, recordings }, &mut |_| {}).is_none());
+        assert!(start.closer(&Experiment { rig, recordings }).is_empty());
     }
 
     #[test]
