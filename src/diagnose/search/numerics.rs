@@ -183,6 +183,18 @@ mod tests {
     }
 
     #[test]
+    fn a_base_that_leaves_slow_noise_is_fitted_anew_with_each_step() {
+        let numerics = Numerics { euler_step_s: Some(0.01), smooth_rate: None };
+        let (of, context) = fitted_exactly(LINKS, &[0.3, -0.1, 0.0, 0.0], numerics);
+        let quick = FittedModel { noise: vec![Colour::white(0.001); 2], ..of.clone() };
+        assert!(!is_misfit(&of.residuals, &context.floors));
+        assert!(stepped_from_given(&of.rig, &quick, &context).is_none());
+        let slow = FittedModel { noise: vec![Colour { ar: vec![0.95], sigma: 0.001 }; 2], ..of.clone() };
+        let found = stepped_from_given(&of.rig, &slow, &context).unwrap();
+        assert!((found.rig.numerics.euler_step_s.unwrap() / 0.01 - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
     fn a_smooth_sign_of_friction_is_found() {
         let numerics = Numerics { euler_step_s: None, smooth_rate: Some(0.012) };
         let (of, context) = fitted_exactly(HELD, &[0.0, 0.0], numerics);
