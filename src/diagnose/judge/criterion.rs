@@ -3,10 +3,10 @@
 //! RT: no.
 
 use super::evidence::Ledger;
-use super::numbers::{GREATER_PART, LEAST_GAIN, LEAST_GAIN_PER_SAMPLE};
+use super::numbers::{GREATER_PART, LEAST_GAIN, LEAST_GAIN_PER_SAMPLE, LONGEST_MEMORY};
 use crate::diagnose::robustness::held_out::HeldOut;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::likelihood::{Difference, difference};
+use crate::identify::likelihood::{Difference, difference, memory};
 use std::sync::Arc;
 
 /// What every comparison needs to know of the case.
@@ -40,6 +40,12 @@ pub fn detection_threshold(context: &Context, numbers: usize) -> f64 {
 #[must_use]
 pub fn promises_little(most: f64, context: &Context) -> bool {
     !context.is_trapped && most < GREATER_PART * detection_threshold(context, 1)
+}
+
+/// True if what `of` leaves passes for noise that is slower than a healthy machine's.
+#[must_use]
+pub fn leaves_slow_noise(of: &FittedModel) -> bool {
+    of.noise.iter().any(|colour| memory(colour) > LONGEST_MEMORY)
 }
 
 /// How much better `a` is than `b` under the noise that `a` leaves.

@@ -12,40 +12,29 @@ use crate::diagnose::library::candidates::Candidate;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::Difference;
 
-/// True if `rival` should stand in the place of `added`, whose gain is `kept`: clearly ahead, and by more than what it has more numbers
+/// How far ahead a rival must be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lead {
+    /// Clearly: neither is fitted to the end.
+    Clear,
+    /// At all: both are, and which of the two the search met first says nothing.
+    Any,
+}
+
+/// True if `rival` should stand in the place of `added`, whose gain is `kept`: ahead by `lead`, and by more than what it has more numbers
 /// gain by chance.
 #[must_use]
 pub fn takes_its_place(
     found: &FittedModel,
     rival: &CandidateFit,
     added: &SelectedEffect,
-    kept: f64,
+    (kept, lead): (f64, Lead),
     context: &Context,
 ) -> bool {
-    is_ahead(found, rival, added, (kept, CLEAR_LEAD), context)
-}
-
-/// The same of models that are fitted to the end: the likelier one stands, by however little. Which of two that are not told apart the
-/// search met first says nothing.
-#[must_use]
-pub fn is_likelier(
-    found: &FittedModel,
-    rival: &CandidateFit,
-    added: &SelectedEffect,
-    kept: f64,
-    context: &Context,
-) -> bool {
-    is_ahead(found, rival, added, (kept, 0.0), context)
-}
-
-/// True if `rival` leads by more than `lead` and what its more numbers gain by chance.
-fn is_ahead(
-    found: &FittedModel,
-    rival: &CandidateFit,
-    added: &SelectedEffect,
-    (kept, lead): (f64, f64),
-    context: &Context,
-) -> bool {
+    let lead = match lead {
+        Lead::Clear => CLEAR_LEAD,
+        Lead::Any => 0.0,
+    };
     let richer = LIMITS_OF.contains(&(added.candidate.effect, rival.candidate.effect));
     let least = if richer { (1.0 - NEARLY_ALL) * kept } else { 0.0 };
     let gain = -compare(found, &rival.hypothesis, context).total;
@@ -101,10 +90,16 @@ mod tests {
         let mut rival = problem.trial("actuator_lag", "u", &lag("{ value = 0.015, min = 0.0, max = 0.2 }"), 20, 0.0);
         let added = problem.added("transport_delay", "u", 1000.0, Vec::new());
         let ahead = -compare(&found, &rival.hypothesis, &context).total;
-        assert!(ahead > CLEAR_LEAD && takes_its_place(&found, &rival, &added, 1000.0, &context), "{ahead}");
+        assert!(
+            ahead > CLEAR_LEAD && takes_its_place(&found, &rival, &added, (1000.0, Lead::Clear), &context),
+            "{ahead}"
+        );
         let numbers = (ahead / libm::log(context.samples as f64)) as usize + 1;
         rival.candidate.keys = vec![Key { name: "x", min: 0.0, max: 1.0, log: false }; numbers];
-        assert!(!takes_its_place(&found, &rival, &added, 1000.0, &context), "{numbers} numbers gain that by chance");
+        assert!(
+            !takes_its_place(&found, &rival, &added, (1000.0, Lead::Clear), &context),
+            "{numbers} numbers gain that by chance"
+        );
     }
 
     #[test]
@@ -117,9 +112,9 @@ mod tests {
         let added = problem.added("actuator_lag", "u", 1000.0, Vec::new());
         let ahead = -compare(&worse.hypothesis, &better.hypothesis, &context).total;
         assert!(ahead > 0.0 && ahead < CLEAR_LEAD, "{ahead}");
-        assert!(!takes_its_place(&worse.hypothesis, &better, &added, 1000.0, &context));
-        assert!(is_likelier(&worse.hypothesis, &better, &added, 1000.0, &context));
-        assert!(!is_likelier(&better.hypothesis, &worse, &added, 1000.0, &context));
+        assert!(!takes_its_place(&worse.hypothesis, &better, &added, (1000.0, Lead::Clear), &context));
+        assert!(takes_its_place(&worse.hypothesis, &better, &added, (1000.0, Lead::Any), &context));
+        assert!(!takes_its_place(&better.hypothesis, &worse, &added, (1000.0, Lead::Any), &context));
     }
 
     #[test]

@@ -63,8 +63,7 @@ pub fn diagnose(
     let mut walk = on_whole_windows(experiment, first.clone(), Vec::new(), (options, &mut said));
     // Whole windows may hide what is missing in false minima: pieces of them show it.
     let closer = if walk.found.holds(&walk.start) { Vec::new() } else { first.closer(experiment) };
-    if let Some(again) = from_pieces(experiment, first, &closer, &mut said) {
-        let (start, stood) = again;
+    if let Some((start, stood)) = from_pieces(experiment, first, &closer, &mut said) {
         walk = on_whole_windows(experiment, start, stood, (options, &mut said));
     }
     let OnWholeWindows { start, found, last, cut_short } = walk;

@@ -5,7 +5,7 @@
 use super::found::Found;
 use super::start::{RUNS_AWAY, Start};
 use crate::diagnose::explain::interest::{Kept, split_by_interest, undetermined, within_its_row};
-use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, leaves_slow_noise};
 use crate::diagnose::judge::numbers::LONGEST_MEMORY;
 use crate::diagnose::judge::verdict::refit_is_needed;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
@@ -19,7 +19,7 @@ use crate::diagnose::search::ridge_restarts::restart_along_ridges;
 use crate::diagnose::search::stepwise::Selection;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::likelihood::{is_misfit, memory, squares};
+use crate::identify::likelihood::{is_misfit, squares};
 use crate::identify::problem::Problem;
 
 /// What was selected, exchanged, fitted to the last digit, and judged beside a force without a name.
@@ -91,8 +91,7 @@ fn effort(of: &FittedModel) -> String {
 /// consistent). A round is judged under the noise that its best trial leaves: of two effects that are missing the one passes for
 /// such noise beside the other, and none gains.
 pub(super) fn without_slow_noise(base: &FittedModel, last: &[CandidateFit], context: &Context) -> Option<FittedModel> {
-    let is_quick = |of: &FittedModel| of.noise.iter().all(|colour| memory(colour) <= LONGEST_MEMORY);
-    if is_quick(base) && last.iter().all(|trial| is_quick(&trial.hypothesis)) {
+    if !leaves_slow_noise(base) && !last.iter().any(|trial| leaves_slow_noise(&trial.hypothesis)) {
         return None;
     }
     let problem = Problem { longest_memory: LONGEST_MEMORY, ..base.problem.clone() };

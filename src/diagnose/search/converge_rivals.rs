@@ -5,7 +5,7 @@
 use crate::diagnose::judge::accept::is_admissible;
 use crate::diagnose::judge::continuity::has_continuous_states;
 use crate::diagnose::judge::criterion::{Context, compare};
-use crate::diagnose::judge::exchange::is_likelier;
+use crate::diagnose::judge::exchange::{Lead, takes_its_place};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without, with_effect};
 use crate::diagnose::library::candidates::Candidate;
@@ -70,7 +70,7 @@ pub fn converge_rivals(
         let takes_it = |t: &CandidateFit| {
             let same_company = t.hypothesis.rig.effects.len() == found.rig.effects.len();
             same_company
-                && is_likelier(&found, t, a, a.gain, context)
+                && takes_its_place(&found, t, a, (a.gain, Lead::Any), context)
                 && is_admitted(&found, t, context.given + i, context)
         };
         let better = (0..a.others.len()).filter(|k| takes_it(&a.others[*k]));

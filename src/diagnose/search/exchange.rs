@@ -6,7 +6,7 @@
 use crate::diagnose::judge::accept::is_admissible;
 use crate::diagnose::judge::continuity::has_continuous_states;
 use crate::diagnose::judge::criterion::{Context, compare};
-use crate::diagnose::judge::exchange::{earns_its_place, takes_its_place};
+use crate::diagnose::judge::exchange::{Lead, earns_its_place, takes_its_place};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
 use crate::diagnose::search::budget::{allowance, is_spent, within};
@@ -39,7 +39,9 @@ pub fn exchange_and_eliminate(
         }
         added[i].gain = kept.total;
         let rivals = fit_rivals(&found, &added[i], first + i, context, CLOSE_RIVAL * leading(&added[i]));
-        if let Some(better) = rivals.first().filter(|r| takes_its_place(&found, r, &added[i], kept.total, context)) {
+        if let Some(better) =
+            rivals.first().filter(|r| takes_its_place(&found, r, &added[i], (kept.total, Lead::Clear), context))
+        {
             let old = CandidateFit { candidate: added[i].candidate.clone(), hypothesis: found, gain: kept.total };
             (found, added[i].candidate) = (better.hypothesis.clone(), better.candidate.clone());
             added[i].others = [vec![old], rivals[1..].to_vec()].concat();
@@ -86,7 +88,8 @@ pub fn exchange_near_rivals(
     for i in 0..added.len().saturating_sub(1) {
         let own = added[i].gain;
         let rivals = fit_rivals(&found, &added[i], first + i, context, NEAR * own);
-        let Some(better) = rivals.into_iter().next().filter(|r| takes_its_place(&found, r, &added[i], own, context))
+        let Some(better) =
+            rivals.into_iter().next().filter(|r| takes_its_place(&found, r, &added[i], (own, Lead::Clear), context))
         else {
             continue;
         };

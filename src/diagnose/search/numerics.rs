@@ -7,8 +7,7 @@
 //! RT: no.
 
 use crate::diagnose::judge::confirmation::is_contradicted;
-use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
-use crate::diagnose::judge::numbers::LONGEST_MEMORY;
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, leaves_slow_noise};
 use crate::diagnose::library::candidate_fit::REFIT;
 use crate::diagnose::screen::subsample::few;
 use crate::diagnose::search::budget::{allowance, allowance_of_a_look, within};
@@ -16,7 +15,7 @@ use crate::identify::base_fit::anew;
 use crate::identify::experiment::Recording;
 use crate::identify::fit::{Limits, Point};
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::likelihood::{is_misfit, memory, white};
+use crate::identify::likelihood::{is_misfit, white};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use crate::model::effect::EffectKind;
@@ -43,12 +42,12 @@ pub fn with_likeliest_numerics(of: &FittedModel, context: &Context) -> Option<Fi
 }
 
 /// The base fitted anew from `given`, with the steps that these recordings show, if recordings kept back contradict it or it leaves noise that
-/// is slower than a sensor's: two links that whirl have a false minimum for every wrong step, in which short windows look like noise, and
+/// is too slow ([`leaves_slow_noise`]): two links that whirl have a false minimum for every wrong step, in which short windows look like noise, and
 /// from which no other step leads out.
 #[must_use]
 pub fn stepped_from_given(given: &Rig, base: &FittedModel, context: &Context) -> Option<FittedModel> {
-    let is_slow = || base.noise.iter().any(|colour| memory(colour) > LONGEST_MEMORY);
-    if is_misfit(&base.residuals, &context.floors) || !(is_slow() || is_contradicted(base, context)) {
+    let is_wrong = || leaves_slow_noise(base) || is_contradicted(base, context);
+    if is_misfit(&base.residuals, &context.floors) || !is_wrong() {
         return None;
     }
     let fitted = |step_s: f64| {
