@@ -47,10 +47,11 @@ impl Found {
         self.rest.is_some()
     }
 
-    /// True if effects were found that leave nothing without a name, with which the simulation follows, and which recordings kept back do
-    /// not contradict.
+    /// True if effects were found that leave nothing without a name, with which the simulation follows or misses by noise alone, and which
+    /// recordings kept back do not contradict.
     pub(super) fn holds(&self, start: &Start) -> bool {
-        let is_followed = || follows(&self.found, &start.pooled, &start.context.floors);
+        let floors = &start.context.floors;
+        let is_followed = || follows(&self.found, &start.pooled, floors) || !is_misfit(&self.found.residuals, floors);
         !self.added.is_empty() && !self.is_unlisted() && is_followed() && !is_contradicted(&self.found, &start.context)
     }
 

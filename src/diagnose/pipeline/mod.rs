@@ -61,7 +61,7 @@ pub fn diagnose(
     let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
     let first = Start::of(experiment, options.seed, &mut said)?;
     let mut walk = on_whole_windows(experiment, first.clone(), Vec::new(), (options, &mut said));
-    // Whole windows may hide what is missing in false minima: pieces of them show it.
+    // Where the simulation runs away whole windows may hide what is missing: pieces of them show it.
     let closer = if walk.found.holds(&walk.start) { Vec::new() } else { first.closer(experiment) };
     if let Some((start, stood)) = from_pieces(experiment, first, &closer, &mut said) {
         walk = on_whole_windows(experiment, start, stood, (options, &mut said));

@@ -53,8 +53,7 @@ impl Start {
         Self::after(first, (recordings, pooled, floors), (experiment, seed), said)
     }
 
-    /// Fits of the base over pieces of the windows, longer ones first, where motion is chaotic and the base does not follow
-    /// ([`within_horizon`]); nothing elsewhere.
+    /// Fits of the base over pieces of the windows, longer ones first, where it does not follow ([`within_horizon`]); nothing elsewhere.
     pub(super) fn closer(&self, experiment: &Experiment) -> Vec<FittedModel> {
         within_horizon(&experiment.rig, &self.base, &self.pooled, &self.context.floors)
     }
@@ -67,7 +66,7 @@ impl Start {
         said: &mut dyn FnMut(&str),
     ) -> Option<Self> {
         let (floors, seed) = (self.context.floors.clone(), self.context.seed);
-        said(&format!("motion is chaotic: in {} pieces of the windows", closer.problem.windows.len()));
+        said(&format!("the simulation does not follow: in {} pieces of the windows", closer.problem.windows.len()));
         let recordings = closer.problem.recordings.to_vec();
         let mut start =
             Self::after(closer.clone(), (recordings, self.pooled.clone(), floors), (experiment, seed), said).ok()?;
