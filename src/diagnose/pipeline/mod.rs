@@ -8,6 +8,7 @@ mod start;
 
 use crate::diagnose::base_model::{DiagnoseError, warnings};
 use crate::diagnose::input_checks::contradicted;
+use crate::diagnose::judge::criterion::leaves_slow_noise;
 use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
 use crate::diagnose::judge::verdict::Findings;
@@ -150,7 +151,8 @@ fn searched(
     let also = given.as_ref().filter(|_| context.is_trapped).map(|given| given.counted_with(base));
     let rig = computing_as(&experiment.rig, base);
     let all = forward((&rig, base), (also.as_ref(), stood), library, &mut is_vain, context, &mut *said);
-    let strict = if all.added.is_empty() { without_slow_noise(&all.base, &all.last, context) } else { None };
+    let is_open = all.added.is_empty() || leaves_slow_noise(&all.found);
+    let strict = if is_open { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
     said("what passes for noise is slower than noise: again without");
     forward((&rig, &strict), (None, Vec::new()), library, &mut is_vain, context, said)
