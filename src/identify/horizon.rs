@@ -21,12 +21,17 @@ use std::f64::consts::E;
 /// `rig` fitted over halves of the windows of `first`, its fit, over halves of these, and so on until it follows, or misses by noise
 /// alone, and motion in none of them is chaotic. Nothing where `first` does.
 #[must_use]
-pub fn within_horizon(rig: &Rig, first: &FittedModel, pooled: &Pooled, floors: &[f64]) -> Vec<FittedModel> {
+pub fn within_horizon(
+    rig: &Rig,
+    first: &FittedModel,
+    only_chaotic: bool,
+    (pooled, floors): (&Pooled, &[f64]),
+) -> Vec<FittedModel> {
     let is_followed = |of: &FittedModel| follows(of, pooled, floors) || !is_misfit(&of.residuals, floors);
     let mut closer: Vec<FittedModel> = Vec::new();
     while !is_followed(first) {
         let now = closer.last().unwrap_or(first);
-        let shorter = pieces(now, is_followed(now));
+        let shorter = pieces(now, only_chaotic || is_followed(now));
         let is_cut = is_cut(&now.problem.recordings, &shorter);
         let Some(next) = is_cut.then(|| fitted(rig, &shorter, pooled, floors)).flatten() else { break };
         closer.push(next);
@@ -34,13 +39,13 @@ pub fn within_horizon(rig: &Rig, first: &FittedModel, pooled: &Pooled, floors: &
     closer
 }
 
-/// The recordings of `of` in halves of their windows; where it `is_followed`, those in one of which an error of the start grows e-fold. Not
+/// The recordings of `of` in halves of their windows; `only_chaotic`: those in one of which an error of the start grows e-fold. Not
 /// where feet land: a touchdown makes errors larger at once, however short the window.
-fn pieces(of: &FittedModel, is_followed: bool) -> Vec<Recording> {
+fn pieces(of: &FittedModel, only_chaotic: bool) -> Vec<Recording> {
     let halved = |(r, recording): (usize, &Recording)| {
         let window_s = recording.window_s.map(|whole_s| {
             let has_rows = 0.5 * whole_s >= FEWEST_ROWS as f64 * recording.usual_row_s().unwrap_or(whole_s);
-            if has_rows && !recording.has_steps() && (!is_followed || is_chaotic(of, r)) {
+            if has_rows && !recording.has_steps() && (!only_chaotic || is_chaotic(of, r)) {
                 0.5 * whole_s
             } else {
                 whole_s
@@ -103,7 +108,7 @@ mod tests {
         let pooled = Pooled::of(&rig, recordings.iter());
         let floors = floors(&rig, &pooled, &recordings);
         let first = fitted(&rig, &recordings, &pooled, &floors).unwrap();
-        let closer = within_horizon(&rig, &first, &pooled, &floors);
+        let closer = within_horizon(&rig, &first, false, (&pooled, &floors));
         (first, closer)
     }
 
@@ -160,7 +165,7 @@ mod tests {
         let pooled = Pooled::of(&rig, recordings.iter());
         let floors = floors(&rig, &pooled, &recordings);
         let first = fitted(&rig, &recordings, &pooled, &floors).unwrap();
-        let closer = within_horizon(&rig, &first, &pooled, &floors);
+        let closer = within_horizon(&rig, &first, false, (&pooled, &floors));
         let followed: Vec<bool> = closer.iter().map(|of| follows(of, &pooled, &floors)).collect();
         assert!(followed.last() == Some(&true) && followed.iter().filter(|f| **f).count() == 1, "{followed:?}");
     }

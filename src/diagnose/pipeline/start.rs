@@ -54,8 +54,9 @@ impl Start {
     }
 
     /// Fits of the base over pieces of the windows, longer ones first, where it does not follow ([`within_horizon`]); nothing elsewhere.
-    pub(super) fn closer(&self, experiment: &Experiment) -> Vec<FittedModel> {
-        within_horizon(&experiment.rig, &self.base, &self.pooled, &self.context.floors)
+    /// `only_chaotic`: nor where motion is not chaotic.
+    pub(super) fn closer(&self, experiment: &Experiment, only_chaotic: bool) -> Vec<FittedModel> {
+        within_horizon(&experiment.rig, &self.base, only_chaotic, (&self.pooled, &self.context.floors))
     }
 
     /// The same on the pieces of `closer`.
@@ -273,7 +274,7 @@ mod tests {
         let rig = links("0.055", 0.21);
         let start = start(rig.clone());
         let recordings = start.base.problem.recordings.to_vec();
-        assert!(start.closer(&Experiment { rig, recordings }).is_empty());
+        assert!(start.closer(&Experiment { rig, recordings }, false).is_empty());
     }
 
     #[test]
