@@ -2,7 +2,7 @@
 
 use crate::base::time::Stamp;
 use crate::config;
-use crate::msg::{Leg, Mode, TickRecord};
+use crate::msg::{Leg, Mode, Motion, TickRecord};
 use crate::record::Reader;
 use crate::report::animation::{Pose, animated_svg};
 use crate::report::recorded::{Recorded, page};
@@ -63,6 +63,7 @@ struct Collector {
     run: Recorded,
     foot_m: [f64; 2],
     armed_s: f64,
+    walked: u32,
     last: Option<Last>,
 }
 
@@ -78,7 +79,15 @@ struct Last {
 
 impl Collector {
     fn new(leg_m: f64, first: &TickRecord) -> Self {
-        Self { leg_m, start: first.input.now, run: Recorded::default(), foot_m: [0.0; 2], armed_s: 0.0, last: None }
+        Self {
+            leg_m,
+            start: first.input.now,
+            run: Recorded::default(),
+            foot_m: [0.0; 2],
+            armed_s: 0.0,
+            walked: 0,
+            last: None,
+        }
     }
 
     fn see(&mut self, tick: &TickRecord, is_shown: bool) {
@@ -100,8 +109,12 @@ impl Collector {
                 let length_m = swing_m * libm::sin(swing) - stance_m * libm::sin(stance);
                 self.foot_m[0] += length_m;
                 self.foot_m[1] += stance_m * libm::cos(stance) - swing_m * libm::cos(swing);
-                if let Some(before_s) = stepped_s {
-                    self.run.steps.push([t_s, length_m / (t_s - before_s)]);
+                // At rest the weight goes from foot to foot until the legs are still: no steps.
+                if tick.control.motion != Motion::Rest {
+                    self.walked += 1;
+                    if let Some(before_s) = stepped_s {
+                        self.run.steps.push([t_s, length_m / (t_s - before_s)]);
+                    }
                 }
                 stepped_s = Some(t_s);
             }
@@ -126,7 +139,7 @@ impl Collector {
     }
 
     fn finish(mut self, name: String) -> Recorded {
-        let (steps, armed_s) = (self.last.map_or(0, |last| last.steps), self.armed_s);
+        let (steps, armed_s) = (self.walked, self.armed_s);
         self.run.headline = if self.run.steps.is_empty() {
             format!("Armed for {armed_s:.1} s.")
         } else {

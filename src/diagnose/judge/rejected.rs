@@ -25,14 +25,7 @@ pub fn rejected(
     };
     for a in added {
         for trial in a.others.iter().take(8) {
-            let behind = a.gain - trial.gain;
-            push(
-                trial,
-                format!(
-                    "fitted in place of {} it is {behind:.0} behind in twice the log-likelihood",
-                    a.candidate.effect
-                ),
-            );
+            push(trial, in_its_place(a.candidate.effect, trial.gain - a.gain));
         }
     }
     for trial in last.iter().take(8) {
@@ -49,4 +42,24 @@ pub fn rejected(
         );
     }
     out
+}
+
+/// Why what was fitted in the place of `named`, and is `ahead` of it in twice the log-likelihood, is not the answer.
+fn in_its_place(named: &str, ahead: f64) -> String {
+    let (far, which, so) =
+        if ahead > 0.0 { (ahead, "ahead", ": too little to take its place") } else { (-ahead, "behind", "") };
+    format!("fitted in place of {named} it is {far:.0} {which} in twice the log-likelihood{so}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rival_that_is_ahead_by_too_little_is_not_told_as_behind() {
+        assert!(
+            in_its_place("torque_offset", 1311.0).contains("1311 ahead")
+                && in_its_place("drag", -20.0).contains(" 20 behind")
+        );
+    }
 }

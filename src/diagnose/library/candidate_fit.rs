@@ -28,7 +28,7 @@ pub struct SelectedEffect {
     pub others: Vec<CandidateFit>,
     /// Gain over the model before it.
     pub gain: f64,
-    /// Part of the misfit energy that it removed.
+    /// Part of the base's misfit energy that it removed, beyond those before it.
     pub removed: f64,
 }
 

@@ -55,7 +55,8 @@ pub struct Selection {
 impl Selection {
     /// Adds `best`; the rest of the last round are its rivals.
     fn add(&mut self, best: CandidateFit, context: &Context) {
-        let removed = explained_part(&self.found, &best.hypothesis, context);
+        let before: f64 = self.added.iter().map(|a| a.removed).sum();
+        let removed = (explained_part(&self.base, &best.hypothesis, context) - before).max(0.0);
         let others = std::mem::take(&mut self.last);
         self.added.push(SelectedEffect { candidate: best.candidate, others, gain: best.gain, removed });
         self.found = best.hypothesis;
