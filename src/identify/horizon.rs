@@ -84,7 +84,6 @@ mod tests {
     use super::*;
     use crate::identify::base_fit::floors;
     use crate::identify::fit::Limits;
-    use crate::identify::problem::Problem;
     use crate::identify::synthesis::record;
     use crate::model::rig::Effect;
 
