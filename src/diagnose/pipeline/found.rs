@@ -12,6 +12,7 @@ use crate::diagnose::input_checks::{at_bounds, suspicions};
 use crate::diagnose::judge::confirmation::is_contradicted;
 use crate::diagnose::judge::criterion::{Context, explained_part};
 use crate::diagnose::judge::estimates::undetermined_combinations;
+use crate::diagnose::judge::numbers::GREATER_PART;
 use crate::diagnose::judge::rejected::rejected;
 use crate::diagnose::judge::verdict::{
     Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, may_have_missed, verdict_of,
@@ -47,12 +48,19 @@ impl Found {
         self.rest.is_some()
     }
 
-    /// True if effects were found that leave nothing without a name, with which the simulation follows or misses by noise alone, and which
-    /// recordings kept back do not contradict.
+    /// True if effects were found that remove the greater part of the misfit.
+    pub(super) fn explains(&self, context: &Context) -> bool {
+        !self.added.is_empty() && explained_part(&self.base, &self.found, context) > GREATER_PART
+    }
+
+    /// True if effects were found that leave nothing without a name, which recordings kept back do not contradict, and with which the
+    /// simulation misses by noise alone, or follows for their sake.
     pub(super) fn holds(&self, start: &Start) -> bool {
-        let floors = &start.context.floors;
-        let is_followed = || follows(&self.found, &start.pooled, floors) || !is_misfit(&self.found.residuals, floors);
-        !self.added.is_empty() && !self.is_unlisted() && is_followed() && !is_contradicted(&self.found, &start.context)
+        let context = &start.context;
+        let is_followed = || follows(&self.found, &start.pooled, &context.floors) && self.explains(context);
+        let leaves_noise = !is_misfit(&self.found.residuals, &context.floors);
+        let is_named = !self.added.is_empty() && !self.is_unlisted();
+        is_named && (leaves_noise || is_followed()) && !is_contradicted(&self.found, context)
     }
 
     /// What a person should know of the search and of the model that it came to.

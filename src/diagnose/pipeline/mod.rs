@@ -63,8 +63,8 @@ pub fn diagnose(
     let first = Start::of(experiment, options.seed, &mut said)?;
     let mut walk = on_whole_windows(experiment, first.clone(), Vec::new(), (options, &mut said));
     // Where the simulation runs away whole windows may hide what is missing: pieces of them show it.
-    let is_named = !walk.found.added.is_empty();
-    let closer = if walk.found.holds(&walk.start) { Vec::new() } else { first.closer(experiment, is_named) };
+    let is_explained = walk.found.explains(&walk.start.context);
+    let closer = if walk.found.holds(&walk.start) { Vec::new() } else { first.closer(experiment, is_explained) };
     if let Some((start, stood)) = from_pieces(experiment, first, &closer, &mut said) {
         walk = on_whole_windows(experiment, start, stood, (options, &mut said));
     }

@@ -53,7 +53,7 @@ impl Start {
         Self::after(first, (recordings, pooled, floors), (experiment, seed), said)
     }
 
-    /// Fits of the base over pieces of the windows, longer ones first, where it does not follow ([`within_horizon`]); nothing elsewhere.
+    /// Fits of the base over pieces of the windows, longer ones first, where it leaves more than noise ([`within_horizon`]); nothing elsewhere.
     /// `only_chaotic`: nor where motion is not chaotic.
     pub(super) fn closer(&self, experiment: &Experiment, only_chaotic: bool) -> Vec<FittedModel> {
         within_horizon(&experiment.rig, &self.base, only_chaotic, (&self.pooled, &self.context.floors))
