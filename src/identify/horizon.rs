@@ -1,6 +1,6 @@
 //! Pieces of windows, short enough for the base to follow.
 //!
-//! Where the simulation runs away from what was recorded, a fit ends in a false minimum and nothing that is missing is found. Two links that
+//! Where the simulation is far from what was recorded, a fit ends in a false minimum and nothing that is missing is found. Two links that
 //! whirl forget their start in a third of a second: over several such times the misfit has a minimum for every turn more or less (measured:
 //! a spring of a double pendulum, windows of 1.5 s, was answered as three ripples). And what goes with the angle is sought at the
 //! angles where the simulation is (measured: a ripple of 7 cm on a slider that was 2 cm off after 3 s was not found). Over pieces in which

@@ -65,9 +65,16 @@ pub fn explained_part(before: &FittedModel, after: &FittedModel, context: &Conte
     if had > 0.0 { (1.0 - has / had).clamp(0.0, 1.0) } else { 0.0 }
 }
 
+/// True if `after` removes the greater part of the misfit of `before`.
+#[must_use]
+pub fn explains_most(before: &FittedModel, after: &FittedModel, context: &Context) -> bool {
+    explained_part(before, after, context) > GREATER_PART
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::judge::worked::{Shown, shown};
 
     fn context(samples: usize, is_trapped: bool) -> Context {
         Context {
@@ -93,5 +100,14 @@ mod tests {
     fn a_base_at_its_bounds_is_searched_whatever_a_step_promises() {
         assert!(promises_little(10.0, &context(1000, false)) && !promises_little(10.0, &context(1000, true)));
         assert!(!promises_little(40.0, &context(1000, false)));
+    }
+
+    #[test]
+    fn drag_explains_most_of_what_drag_left_and_a_hundredth_of_it_does_not() {
+        let drag = |value: f64| format!("[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = {value}\n");
+        let Shown { context, problem } = shown(&drag(0.004));
+        let of = |value: f64| problem.fitted(&drag(value), 20);
+        let without = problem.fitted("", 20);
+        assert!(explains_most(&without, &of(0.004), &context) && !explains_most(&without, &of(0.00004), &context));
     }
 }

@@ -10,9 +10,8 @@ use crate::diagnose::explain::localise::places;
 use crate::diagnose::explain::tables::{parameter_lines, ranking};
 use crate::diagnose::input_checks::{at_bounds, suspicions};
 use crate::diagnose::judge::confirmation::is_contradicted;
-use crate::diagnose::judge::criterion::{Context, explained_part};
+use crate::diagnose::judge::criterion::{Context, explained_part, explains_most};
 use crate::diagnose::judge::estimates::undetermined_combinations;
-use crate::diagnose::judge::numbers::GREATER_PART;
 use crate::diagnose::judge::rejected::rejected;
 use crate::diagnose::judge::verdict::{
     Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, may_have_missed, verdict_of,
@@ -50,7 +49,7 @@ impl Found {
 
     /// True if effects were found that remove the greater part of the misfit.
     pub(super) fn explains(&self, context: &Context) -> bool {
-        !self.added.is_empty() && explained_part(&self.base, &self.found, context) > GREATER_PART
+        !self.added.is_empty() && explains_most(&self.base, &self.found, context)
     }
 
     /// True if effects were found that leave nothing without a name, which recordings kept back do not contradict, and with which the

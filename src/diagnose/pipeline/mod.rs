@@ -62,7 +62,7 @@ pub fn diagnose(
     let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
     let first = Start::of(experiment, options.seed, &mut said)?;
     let mut walk = on_whole_windows(experiment, first.clone(), Vec::new(), (options, &mut said));
-    // Where the simulation runs away whole windows may hide what is missing: pieces of them show it.
+    // Where the simulation is far off whole windows may hide what is missing: pieces of them show it.
     let is_explained = walk.found.explains(&walk.start.context);
     let closer = if walk.found.holds(&walk.start) { Vec::new() } else { first.closer(experiment, is_explained) };
     if let Some((start, stood)) = from_pieces(experiment, first, &closer, &mut said) {
@@ -152,6 +152,7 @@ fn searched(
     let also = given.as_ref().filter(|_| context.is_trapped).map(|given| given.counted_with(base));
     let rig = computing_as(&experiment.rig, base);
     let all = forward((&rig, base), (also.as_ref(), stood), library, &mut is_vain, context, &mut *said);
+    // Slow noise beside what was found is misfit that was not sought.
     let is_open = all.added.is_empty() || leaves_slow_noise(&all.found);
     let strict = if is_open { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
