@@ -5,8 +5,8 @@
 //!    the steps and the smooth sign of friction of the simulator that made the recordings, if one did ([`numerics`]). These are asked
 //!    again beside the first effect, and beside all that was selected; if others are likelier there, the search starts anew with them,
 //!    and each effect that was found stands among its first candidates.
-//!    Where the walk to step 5 names nothing that holds and that explains the greater part of a misfit, pieces of the windows are asked
-//!    ([`horizon`]): the shortest for the base and the numerics, longer ones for effects, which stand among the first candidates of a
+//!    Where the walk to step 5 names nothing that holds, pieces of the windows are asked ([`horizon`]; where what it names explains most of
+//!    the misfit, for chaotic motion only): the shortest for the base and the numerics, longer ones for effects, which stand among the first candidates of a
 //!    second walk on whole windows.
 //! 2. [`search`], [`stepwise`]: forward selection. In a [`round`] every candidate of the [`library`] ([`candidates`],
 //!    [`initial_guesses`]) is scored by what one linear step promises ([`screen`], [`score_test`]); the best are fitted in full,

@@ -53,7 +53,7 @@ impl Found {
     }
 
     /// True if effects were found that leave nothing without a name, which recordings kept back do not contradict, and with which the
-    /// simulation misses by noise alone, or follows for their sake.
+    /// simulation misses by noise alone, or follows and they explain most of the misfit.
     pub(super) fn holds(&self, start: &Start) -> bool {
         let context = &start.context;
         let is_followed = || follows(&self.found, &start.pooled, &context.floors) && self.explains(context);
