@@ -5,39 +5,12 @@
 
 use crate::diagnose::explain::narrow::slopes;
 use crate::diagnose::judge::verdict::{Law, Trace};
+use crate::diagnose::library::laws::{self, Form};
 use crate::diagnose::screen::score_test::pseudo_inverse;
 use crate::identify::covariance::band_95;
 use crate::identify::fitted_model::FittedModel;
-use crate::model::effect::EffectKind;
-use crate::model::rig::{Effect, Rig};
+use crate::model::rig::Rig;
 use nalgebra::DVector;
-
-/// What a curve is drawn over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Form {
-    /// Friction over the rate of a coordinate.
-    Friction,
-    /// Conservative force over a coordinate.
-    Force,
-    /// Error of an encoder over the coordinate that it reads.
-    Reading,
-    /// Applied over commanded torque.
-    Saturation,
-}
-
-fn form(kind: EffectKind) -> Option<Form> {
-    match kind {
-        EffectKind::ViscousFriction
-        | EffectKind::CoulombFriction
-        | EffectKind::StribeckFriction
-        | EffectKind::QuadraticDrag
-        | EffectKind::FrictionAsymmetry => Some(Form::Friction),
-        EffectKind::ParallelSpring | EffectKind::TorqueOffset | EffectKind::TorqueRipple => Some(Form::Force),
-        EffectKind::EncoderEccentricity => Some(Form::Reading),
-        EffectKind::TorqueLimit => Some(Form::Saturation),
-        _ => None,
-    }
-}
 
 /// Curves of the effects of `explained` from number `first` on.
 #[must_use]
@@ -45,7 +18,9 @@ pub fn found(explained: &FittedModel, first: usize, traces: &[Trace]) -> Vec<Law
     let mut shown: Vec<(Form, &str)> = Vec::new();
     let mut out = Vec::new();
     for effect in &explained.rig.effects[first.min(explained.rig.effects.len())..] {
-        let Some(form) = form(effect.kind).filter(|f| !shown.contains(&(*f, effect.at.as_str()))) else { continue };
+        let Some(form) = laws::form(effect.kind).filter(|f| !shown.contains(&(*f, effect.at.as_str()))) else {
+            continue;
+        };
         shown.push((form, &effect.at));
         out.extend(curve(explained, form, &effect.at, traces));
     }
@@ -105,27 +80,10 @@ fn range(of: &FittedModel, form: Form, at: &str, traces: &[Trace]) -> Option<(f6
 
 /// The law at one point.
 fn value(rig: &Rig, form: Form, at: &str, x: f64) -> f64 {
-    let here = rig.effects.iter().filter(|e| e.at == at && e.setup.is_none() && self::form(e.kind) == Some(form));
+    let here = rig.effects.iter().filter(|e| e.at == at && e.setup.is_none() && laws::form(e.kind) == Some(form));
     match form {
         Form::Saturation => here.filter_map(|e| e.get("limit")).fold(x, |x, v| x.clamp(-v.value, v.value)),
-        _ => here.map(|e| term(e, x)).sum(),
-    }
-}
-
-fn term(effect: &Effect, x: f64) -> f64 {
-    let v = |key: &str| effect.get(key).map_or(0.0, |v| v.value);
-    let sign = if x < 0.0 { -1.0 } else { 1.0 };
-    match effect.kind {
-        EffectKind::ViscousFriction => v("viscous") * x,
-        EffectKind::CoulombFriction => v("coulomb") * sign,
-        EffectKind::StribeckFriction => v("extra") * libm::exp(-(x / v("velocity")).powi(2)) * sign,
-        EffectKind::QuadraticDrag => v("quadratic") * x * x.abs(),
-        EffectKind::FrictionAsymmetry => v("difference"),
-        EffectKind::ParallelSpring => -v("stiffness") * (x - v("rest")),
-        EffectKind::TorqueOffset => v("torque"),
-        EffectKind::TorqueRipple => v("amplitude") * libm::sin(v("order") * x + v("phase")),
-        EffectKind::EncoderEccentricity => v("amplitude") * libm::sin(x + v("phase")),
-        _ => 0.0,
+        _ => here.map(|e| laws::at(e, x)).sum(),
     }
 }
 
@@ -152,17 +110,4 @@ fn by_parameter(of: &FittedModel, form: Form, at: &str, (i, x): (usize, &[f64]))
     };
     let (up, down) = (moved(1.0), moved(-1.0));
     x.iter().map(|x| (value(&up, form, at, *x) - value(&down, form, at, *x)) / (2.0 * nudge)).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::model::rig::Value;
-
-    #[test]
-    fn stribeck_friction_falls_with_the_rate_and_turns_with_its_sign() {
-        let stribeck = Effect::new(EffectKind::StribeckFriction, "q1", vec![Value::known(0.5), Value::known(0.1)]);
-        assert!(term(&stribeck, 0.01) > 0.49 && term(&stribeck, 0.5) < 1e-6);
-        assert!((term(&stribeck, -0.05) + term(&stribeck, 0.05)).abs() < 1e-15);
-    }
 }

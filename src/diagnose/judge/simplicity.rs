@@ -22,15 +22,9 @@ pub const LIMITS_OF: &[(&str, &str)] = &[
 pub fn order_by_penalised_gain(trials: &mut Vec<CandidateFit>, context: &Context) {
     let Some(leader) = trials.first() else { return };
     let simple = LIMITS_OF.iter().filter(|(_, rich)| *rich == leader.candidate.effect).find_map(|(simple, _)| {
-        // Where the leader leaves nothing but noise, what it is ahead counts as anything else does.
-        let most = if is_misfit(&leader.hypothesis.residuals, &context.floors) {
-            f64::INFINITY
-        } else {
-            detection_threshold(context, 1)
-        };
         let close = |t: &CandidateFit| {
-            let near = t.gain >= (NEARLY_ALL * leader.gain).max(leader.gain - most);
-            t.candidate.effect == *simple && t.candidate.at == leader.candidate.at && near
+            let is_limit = t.candidate.effect == *simple && t.candidate.at == leader.candidate.at;
+            is_limit && t.gain >= nearly_all(leader.gain, &leader.hypothesis, context)
         };
         trials.iter().position(close)
     });
@@ -45,6 +39,20 @@ pub fn order_by_penalised_gain(trials: &mut Vec<CandidateFit>, context: &Context
     if let Some(rich) = rich {
         trials.insert(1, rich);
     }
+}
+
+/// Gain from which a simpler model stands for one that gains `gain` and leaves `richer`. Where that leaves nothing but noise, what it is
+/// ahead counts as anything else does.
+fn nearly_all(gain: f64, richer: &FittedModel, context: &Context) -> f64 {
+    let most =
+        if is_misfit(&richer.residuals, &context.floors) { f64::INFINITY } else { detection_threshold(context, 1) };
+    (NEARLY_ALL * gain).max(gain - most)
+}
+
+/// True if `one` effect stands for several of `found`, which gain `gain` together.
+#[must_use]
+pub fn stands_for_several(found: &FittedModel, one: &CandidateFit, gain: f64, context: &Context) -> bool {
+    one.gain >= nearly_all(gain, found, context)
 }
 
 /// What the numbers of `candidate` and the initial states of `fit` gain by chance, in twice the log-likelihood (Schwarz 1978).

@@ -5,4 +5,5 @@
 pub mod candidate_fit;
 pub mod candidates;
 pub mod initial_guesses;
+pub mod laws;
 pub(crate) mod worked;

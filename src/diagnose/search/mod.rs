@@ -8,6 +8,7 @@ pub mod converge_rivals;
 pub mod exchange;
 pub(in crate::diagnose) mod joint_pair;
 pub mod kept_back_exchange;
+pub mod law_exchange;
 pub mod numerics;
 pub mod pairwise_exchange;
 pub mod ridge_restarts;

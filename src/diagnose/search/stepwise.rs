@@ -17,6 +17,7 @@ use crate::diagnose::search::basin_hopping::escape_local_minimum;
 use crate::diagnose::search::budget::{MOST_EFFORT, allowance, is_spent, within};
 use crate::diagnose::search::exchange::exchange_near_rivals;
 use crate::diagnose::search::joint_pair::add_jointly;
+use crate::diagnose::search::law_exchange::exchange_laws;
 use crate::diagnose::search::round::{Asked, Start, merged, promises_little, round, tell};
 use crate::diagnose::search::runners_up::{LEADS, runners_up};
 use crate::identify::base_fit::anew;
@@ -414,7 +415,8 @@ impl<'s> Search<'s> {
         self.explained += best.gain;
         self.all.add(best, self.context);
         let found = self.all.found.clone();
-        self.all.found = exchange_near_rivals(found, &mut self.all.added, self.context, said);
+        let found = exchange_near_rivals(found, &mut self.all.added, self.context, said);
+        self.all.found = exchange_laws(found, &mut self.all.added, self.library, self.context, said);
     }
 
     /// True if two candidates that hide each other were added together.
