@@ -106,6 +106,12 @@ impl Kept {
         Self { seen: self.seen, ..Self::all(base.clone(), Vec::new()) }
     }
 
+    /// The same after `earlier` was seen.
+    #[must_use]
+    pub fn after(self, earlier: Vec<Seen>) -> Self {
+        Self { seen: [earlier, self.seen].concat(), ..self }
+    }
+
     /// Takes out, one by one, the effects whose strength is not told from nothing, or a number of which ran to the edge of its range in
     /// the last fits. Of two that share what they explain the first goes, and the other is asked again alone.
     #[must_use]

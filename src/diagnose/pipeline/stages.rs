@@ -9,14 +9,17 @@ use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, l
 use crate::diagnose::judge::numbers::LONGEST_MEMORY;
 use crate::diagnose::judge::verdict::refit_is_needed;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::nameless::pooling_test::{no_common_machine, unfollowed};
 use crate::diagnose::nameless::residual_force::unexplained;
 use crate::diagnose::search::basin_hopping::escape_local_minimum;
+use crate::diagnose::search::budget::is_spent;
 use crate::diagnose::search::converge_rivals::converge_rivals;
 use crate::diagnose::search::exchange::exchange_and_eliminate;
 use crate::diagnose::search::pairwise_exchange::exchange_pairs;
 use crate::diagnose::search::ridge_restarts::restart_along_ridges;
-use crate::diagnose::search::stepwise::Selection;
+use crate::diagnose::search::stepwise::{Selection, forward_on};
+use crate::identify::base_fit::anew;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{is_misfit, squares};
@@ -31,6 +34,7 @@ pub(super) fn finished(start: &Start, selection: Selection, least_share: f64, sa
     said(&refit.map_or_else(|| RUNS_AWAY.to_owned(), |refit| format!("re-fit gains {:.0}", refit.total)));
     let (found, added) = settled_selection(found, added, &last, context, said);
     let kept = Kept::all(found, added).without_undetermined(&base, context);
+    let kept = gone_on(start, &base, kept, said);
     let undetermined_only = kept.seen.len();
     // Before what is left is asked: a name that is refuted does not answer for what it stood for.
     let kept =
@@ -61,6 +65,27 @@ pub(super) fn finished(start: &Start, selection: Selection, least_share: f64, sa
     }
     seen.iter().for_each(|one| said(&one.sentence));
     Found { base: base.with_intervals(), found: found.with_intervals(), added, seen, rest, refit_needed }
+}
+
+/// The search on top of what stays, if anything does, when something was taken out again: what comes after a wrong effect was sought
+/// beside it.
+fn gone_on(start: &Start, base: &FittedModel, kept: Kept, said: &mut dyn FnMut(&str)) -> Kept {
+    let context = &start.context;
+    if kept.added.is_empty() || kept.seen.is_empty() || is_spent(&kept.found) {
+        return kept;
+    }
+    said("what was found is not told from nothing, in part: the search goes on from the rest");
+    let is_out = |c: &Candidate| kept.seen.iter().any(|s| (s.effect.as_str(), &s.at) == (c.effect, &c.at));
+    let library = |now: &FittedModel| start.library(now).into_iter().filter(|c| !is_out(c)).collect::<Vec<_>>();
+    let (found, added) = (kept.found.clone(), kept.added.clone());
+    let stands = Selection { base: base.clone(), found, added, last: Vec::new(), cut_short: false };
+    let Selection { found, added, last, .. } = forward_on(stands, library, context, &mut *said);
+    if added.len() <= kept.added.len() {
+        return kept;
+    }
+    let (found, added) = settled_selection(found, added, &last, context, said);
+    let more = Kept::all(found, added).without_undetermined(base, context);
+    more.after(kept.seen)
 }
 
 /// The selection with each effect exchanged for a better one, or left out, and fitted to the last digit with its rivals.
@@ -112,13 +137,19 @@ fn as_leader_hears(
 }
 
 /// The last fit of the answer, to the last digit that counts: under the noise that it leaves, or by squares where that is
-/// misfit, then out of a false minimum too.
+/// misfit, then out of a false minimum too: of the numbers by steps from afar, of the windows' states by a fit from the first look on.
 fn settled(found: FittedModel, context: &Context) -> FittedModel {
     let misfit = is_misfit(&found.residuals, &context.floors);
     let noise = if misfit { squares(&found.residuals, &context.floors) } else { found.noise.clone() };
     let total = |h: &FittedModel| -> f64 { h.blocks(&noise).iter().sum() };
-    let finer = found.polished(&noise, &context.floors, Limits { iterations: 25, tolerance: 1e-7 });
-    let finer = finer.filter(|f| total(f) >= total(&found)).unwrap_or(found);
-    let other = if misfit { escape_local_minimum(&finer, &context.floors) } else { None };
-    other.filter(|o| total(o) > total(&finer)).unwrap_or(finer)
+    let polished = |h: &FittedModel| h.polished(&noise, &context.floors, Limits { iterations: 25, tolerance: 1e-7 });
+    let finer = polished(&found).filter(|f| total(f) >= total(&found)).unwrap_or(found);
+    if !misfit {
+        return finer;
+    }
+    let escaped = escape_local_minimum(&finer, &context.floors);
+    let afresh = if is_spent(&finer) { None } else { anew(&finer.problem, &finer.rig, &context.floors) };
+    let afresh = afresh.map(|fit| polished(&fit).filter(|f| total(f) >= total(&fit)).unwrap_or(fit));
+    let best = escaped.into_iter().chain(afresh).max_by(|a, b| total(a).total_cmp(&total(b)));
+    best.filter(|best| total(best) > total(&finer)).unwrap_or(finer)
 }

@@ -169,38 +169,21 @@ pub fn forward(
     context: &Context,
     mut said: impl FnMut(&str),
 ) -> Selection {
-    let said: &mut dyn FnMut(&str) = &mut said;
-    let mut search = Search::from(given, base, (also, stood), &library, context);
-    loop {
-        if !search.next_round(said) {
-            return search.all;
-        }
-        tell(&search.all.last, context, said);
-        if search.is_full() {
-            return search.all;
-        }
-        order_by_penalised_gain(&mut search.all.last, context);
-        // Before the recordings left out are asked: what they say of a false minimum is as false.
-        if search.is_freed_by_leader(said) {
-            continue;
-        }
-        let left_out = OnceCell::new();
-        match search.accepted(&left_out, said) {
-            Some(i) if i > 0 && search.is_freed_by(i, said) => {}
-            Some(i) => {
-                search.add(i, said);
-                if search.all.added.len() == 1 && is_vain(&search.all.found) {
-                    return search.all;
-                }
-            }
-            None => {
-                let left_out = left_out.get().and_then(Option::as_ref);
-                if !search.adds_pair(left_out, said) {
-                    return search.all;
-                }
-            }
-        }
-    }
+    Search::from(given, base, (also, stood), &library, context).run(&mut is_vain, &mut said)
+}
+
+/// Forward selection on top of what `stands` in a selection.
+pub fn forward_on(
+    stands: Selection,
+    library: impl Fn(&FittedModel) -> Vec<Candidate>,
+    context: &Context,
+    mut said: impl FnMut(&str),
+) -> Selection {
+    let (given, base) = (stands.base.rig.clone(), stands.base.clone());
+    let mut search = Search::from(&given, &base, (None, Vec::new()), &library, context);
+    search.explained = stands.added.iter().map(|a| a.gain).sum();
+    search.all = stands;
+    search.run(&mut |_| false, &mut said)
 }
 
 /// A forward selection on its way.
@@ -236,6 +219,40 @@ impl<'s> Search<'s> {
         let all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
         let (explained, restarts, last_cost, beside, asked, near) = (0.0, 0, 0, 0, 0, Vec::new());
         Self { given, also, library, context, all, explained, restarts, last_cost, beside, stood, asked, near }
+    }
+
+    /// Round after round, until one brings nothing.
+    fn run(mut self, is_vain: &mut dyn FnMut(&FittedModel) -> bool, said: &mut dyn FnMut(&str)) -> Selection {
+        loop {
+            if !self.next_round(said) {
+                return self.all;
+            }
+            tell(&self.all.last, self.context, said);
+            if self.is_full() {
+                return self.all;
+            }
+            order_by_penalised_gain(&mut self.all.last, self.context);
+            // Before the recordings left out are asked: what they say of a false minimum is as false.
+            if self.is_freed_by_leader(said) {
+                continue;
+            }
+            let left_out = OnceCell::new();
+            match self.accepted(&left_out, said) {
+                Some(i) if i > 0 && self.is_freed_by(i, said) => {}
+                Some(i) => {
+                    self.add(i, said);
+                    if self.all.added.len() == 1 && is_vain(&self.all.found) {
+                        return self.all;
+                    }
+                }
+                None => {
+                    let left_out = left_out.get().and_then(Option::as_ref);
+                    if !self.adds_pair(left_out, said) {
+                        return self.all;
+                    }
+                }
+            }
+        }
     }
 
     fn spent(&self) -> u64 {
@@ -440,6 +457,7 @@ impl<'s> Search<'s> {
 mod tests {
     use super::*;
     use crate::diagnose::judge::worked::{Shown, shown};
+    use crate::diagnose::library::candidates::Key;
 
     #[test]
     fn a_number_that_runs_to_its_bound_is_none_and_one_that_is_found_gains() {
@@ -456,5 +474,41 @@ mod tests {
         let found = found.unwrap();
         assert!(found.gain > trial.gain, "{} {}", found.gain, trial.gain);
         assert!((found.hypothesis.rig.effects.last().unwrap().values[0].value / 0.02 - 1.0).abs() < 0.05);
+    }
+
+    /// Drag and an offset: the drag stands, and only what is asked beside it may come.
+    #[test]
+    fn a_search_goes_on_from_what_stands() {
+        let drag = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
+        let Shown { context, problem } =
+            shown(&format!("{drag}0.004\n[[effect]]\neffect = \"torque_offset\"\nat = \"q1\"\ntorque = 0.05\n"));
+        let (base, found) =
+            (problem.fitted("", 20), problem.fitted(&format!("{drag}{{ value = 0.001, min = 0.0, max = 0.1 }}\n"), 20));
+        let stands = || Selection {
+            base: base.clone(),
+            found: found.clone(),
+            added: vec![problem.added("quadratic_drag", "q1", 100.0, Vec::new())],
+            last: Vec::new(),
+            cut_short: false,
+        };
+        let offset = Candidate {
+            keys: vec![Key { name: "torque", min: -1.0, max: 1.0, log: false }],
+            starts: vec![vec![0.0]],
+            ..problem.candidate("torque_offset", "q1")
+        };
+        let more = forward_on(stands(), |_| vec![offset.clone()], &context, |_| {});
+        assert_eq!(
+            more.added.iter().map(|a| a.candidate.effect).collect::<Vec<_>>(),
+            ["quadratic_drag", "torque_offset"]
+        );
+        let value = |e: usize| more.found.rig.effects[context.given + e].values[0].value;
+        assert!(
+            (value(0) / 0.004 - 1.0).abs() < 0.1 && (value(1) / 0.05 - 1.0).abs() < 0.05,
+            "{} {}",
+            value(0),
+            value(1)
+        );
+        let same = forward_on(stands(), |_| Vec::new(), &context, |_| {});
+        assert_eq!((same.added.len(), same.found.rig), (1, found.rig.clone()));
     }
 }
