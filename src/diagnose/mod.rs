@@ -13,12 +13,14 @@
 //!    jointly with all base parameters.
 //!    The first that is accepted, and stays off its bounds when it is fitted to the end, is added; then the next round. There
 //!    the [`runners_up`] of the last one are fitted whatever they promise, and alone where there is no time for more.
+//!    Laws that stand at a joint ([`laws`](library::laws)) are exchanged for one whose force is nearest to theirs ([`law_exchange`]).
 //! 3. [`pairwise_exchange`], [`exchange`], [`converge_rivals`]: neighbours of the selected model, each kept if better; what looks like an
 //!    effect is fitted anew in its place.
 //! 4. [`nameless`], [`residual_force`]: does a force without a name ([`force_patterns`]) say more ([`free_curve`], [`change_point`])? Are all recordings of one
 //!    machine ([`pooling_test`])?
 //! 5. [`robustness`], [`interest`]: what is too small to matter, not told from nothing, at the edge of the range in which it was
 //!    sought, explained by instants within their rows ([`instants`]), or refuted where it was not fitted ([`held_out`]), is seen and not named.
+//!    Where one is taken out that is not told from nothing, or at the edge, and others stay, the search goes on from these.
 //!    Where recordings kept back contradict what stays, effects that look like it are asked in its place ([`kept_back_exchange`]).
 //! 6. [`validation`]: free runs on recordings that were never fitted; [`explain`]: [`answer_sets`], [`localise`], [`laws`], [`sentence`],
 //!    [`tables`], [`headline`]: the answer in numbers, curves and words.
@@ -96,6 +98,7 @@
 //! [`interest`]: explain::interest
 //! [`kept_back_exchange`]: search::kept_back_exchange
 //! [`laws`]: explain::laws
+//! [`law_exchange`]: search::law_exchange
 //! [`likelihood`]: crate::identify::likelihood
 //! [`localise`]: explain::localise
 //! [`numerics`]: search::numerics
