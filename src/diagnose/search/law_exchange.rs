@@ -4,7 +4,6 @@
 //!
 //! RT: no.
 
-use crate::diagnose::judge::accept::is_admissible;
 use crate::diagnose::judge::criterion::{Context, compare};
 use crate::diagnose::judge::exchange::{Lead, takes_its_place};
 use crate::diagnose::judge::simplicity::stands_for_several;
@@ -13,11 +12,12 @@ use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::library::laws::{self, Form, form, nearest};
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::search::budget::{allowance, is_spent, within};
+use crate::diagnose::search::converge_rivals::is_admitted;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::is_misfit;
 use crate::model::effect::EffectKind;
-use crate::model::rig::{Effect, Side};
+use crate::model::rig::{Effect, Side, Value};
 use rayon::prelude::*;
 
 /// Laws that are fitted in the place of those that stand, the nearest first.
@@ -102,7 +102,7 @@ fn best_in_their_place(
             [one] => takes_its_place(found, trial, &added[*one], (gain, Lead::Clear), context),
             _ => stands_for_several(found, trial, gain, context),
         };
-        better && is_admissible(&trial.hypothesis, first + stand[0], context)
+        better && is_admitted(found, trial, first + stand[0], context)
     };
     let fits: Vec<CandidateFit> = starts.par_iter().take(ASKED).filter_map(fitted).collect();
     fits.into_iter().filter(stands).max_by(|a, b| a.gain.total_cmp(&b.gain))
@@ -120,7 +120,7 @@ fn forces(found: &FittedModel, (form, at): (Form, &str), laws: &[&Effect]) -> Op
 /// Squares of the forces that `candidate` with `values` leaves.
 fn left(candidate: &Candidate, values: &[f64], points: &[(f64, f64)]) -> f64 {
     let Some(kind) = EffectKind::from_id(candidate.effect) else { return f64::INFINITY };
-    let law = Effect::new(kind, &candidate.at, values.iter().map(|v| crate::model::rig::Value::known(*v)).collect());
+    let law = Effect::new(kind, &candidate.at, values.iter().map(|v| Value::known(*v)).collect());
     points.iter().map(|(x, f)| (f - laws::at(&law, *x)).powi(2)).sum()
 }
 
