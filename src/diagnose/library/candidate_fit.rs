@@ -55,7 +55,7 @@ pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
     out
 }
 
-/// Of a fit without what it had before.
+/// Of a fit that goes on from another with an effect less, or with another one in its place.
 pub const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
 /// `found` without its effect number `e`, everything else fitted again.

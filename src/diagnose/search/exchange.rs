@@ -8,9 +8,8 @@ use crate::diagnose::judge::continuity::has_continuous_states;
 use crate::diagnose::judge::criterion::{Context, compare};
 use crate::diagnose::judge::exchange::{Lead, earns_its_place, takes_its_place};
 use crate::diagnose::judge::flexibility::is_overly_flexible;
-use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
+use crate::diagnose::library::candidate_fit::{CandidateFit, REFIT, SelectedEffect, refit_without};
 use crate::diagnose::search::budget::{allowance, is_spent, within};
-use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::model::rig::{Effect, Rig};
 use rayon::prelude::*;
@@ -114,10 +113,10 @@ fn fit_rivals(
 ) -> Vec<CandidateFit> {
     let admitted = added.others.iter().filter(|t| !is_overly_flexible(found, t, context));
     let close: Vec<&CandidateFit> = admitted.filter(|t| t.gain > least).take(4).collect();
-    let (most, limits) = (allowance(found), Limits { iterations: 10, tolerance: 1e-5 });
+    let most = allowance(found);
     let one = |trial: &&CandidateFit| {
         let (problem, point) = found.extended(in_its_place(&found.rig, trial, e)?);
-        let hypothesis = within(most, found, problem, point, (&found.noise, limits), context)?;
+        let hypothesis = within(most, found, problem, point, (&found.noise, REFIT), context)?;
         let behind = compare(found, &hypothesis, context).total;
         Some(CandidateFit { candidate: trial.candidate.clone(), hypothesis, gain: added.gain - behind })
     };

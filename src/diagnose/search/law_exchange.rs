@@ -6,59 +6,40 @@
 
 use crate::diagnose::judge::criterion::{Context, compare};
 use crate::diagnose::judge::exchange::{Lead, takes_its_place};
+use crate::diagnose::judge::numbers::GREATER_PART;
 use crate::diagnose::judge::simplicity::stands_for_several;
-use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, with_effect};
+use crate::diagnose::library::candidate_fit::{CandidateFit, REFIT, SelectedEffect, with_effect};
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::library::laws::{self, Form, form, nearest};
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::search::budget::{allowance, is_spent, within};
 use crate::diagnose::search::converge_rivals::is_admitted;
-use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::is_misfit;
 use crate::model::effect::EffectKind;
 use crate::model::rig::{Effect, Side, Value};
-use rayon::prelude::*;
 
-/// Laws that are fitted in the place of those that stand, the nearest first.
-const ASKED: usize = 2;
-
-const FIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
-
-/// Where misfit stays, or several laws stand at one joint, each joint's are exchanged for one that is better, or for one alone that is as
-/// good. `library`: what may stand there.
+/// Where misfit stays, or several laws stand at the joint of the last one, these are exchanged for one that is better, or for one alone
+/// that is as good. `library`: what may stand there.
 #[must_use]
 pub fn exchange_laws(
-    mut found: FittedModel,
+    found: FittedModel,
     added: &mut Vec<SelectedEffect>,
-    library: &dyn Fn(&FittedModel) -> Vec<Candidate>,
+    library: &[Candidate],
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> FittedModel {
-    let places: Vec<(Form, String)> = places(added);
-    for (form, at) in places {
-        let stand: Vec<usize> = (0..added.len()).filter(|i| place(&added[*i].candidate) == Some((form, &at))).collect();
-        let is_open = stand.len() > 1 || is_misfit(&found.residuals, &context.floors);
-        if !is_open || is_spent(&found) {
-            continue;
-        }
-        let Some(best) = best_in_their_place(&found, (added, &stand), &library(&found), context) else { continue };
-        let names: Vec<&str> = stand.iter().map(|i| added[*i].candidate.effect).collect();
-        said(&format!("   {}@{at} in the place of {}", best.candidate.effect, names.join(", ")));
-        found = put_in_their_place(found, added, &stand, best);
+    let Some(last) = added.last().and_then(|a| place(&a.candidate)) else { return found };
+    let stand: Vec<usize> = (0..added.len()).filter(|i| place(&added[*i].candidate) == Some(last)).collect();
+    let is_open = stand.len() > 1 || is_misfit(&found.residuals, &context.floors);
+    if !is_open || is_spent(&found) {
+        return found;
     }
-    found
-}
-
-/// Forms and joints of the laws that were added.
-fn places(added: &[SelectedEffect]) -> Vec<(Form, String)> {
-    let mut out: Vec<(Form, String)> = Vec::new();
-    for (form, at) in added.iter().filter_map(|a| place(&a.candidate)) {
-        if !out.iter().any(|(f, a)| (*f, a.as_str()) == (form, at)) {
-            out.push((form, at.to_owned()));
-        }
-    }
-    out
+    let Some(best) = nearest_in_their_place(&found, (added, &stand), library, context) else { return found };
+    let names: Vec<&str> = stand.iter().map(|i| added[*i].candidate.effect).collect();
+    let (effect, at) = (best.candidate.effect, &best.candidate.at);
+    said(&format!("   {effect}@{at} in the place of {}", names.join(", ")));
+    put_in_their_place(found, added, &stand, best)
 }
 
 /// Form and joint of a candidate that is a law of forces over a coordinate or its rate.
@@ -68,8 +49,9 @@ fn place(candidate: &Candidate) -> Option<(Form, &str)> {
     form.filter(|f| is_plain && matches!(f, Form::Friction | Form::Force)).map(|f| (f, candidate.at.as_str()))
 }
 
-/// The best law in the place of those of `added` that `stand`, if the judge lets it stand there.
-fn best_in_their_place(
+/// The law that is nearest to those of `added` that `stand`, fitted in their place, if it makes the greater part of their force and the
+/// judge lets it stand there.
+fn nearest_in_their_place(
     found: &FittedModel,
     (added, stand): (&[SelectedEffect], &[usize]),
     library: &[Candidate],
@@ -79,33 +61,28 @@ fn best_in_their_place(
     let (form, at) = place(&added[*stand.first()?].candidate)?;
     let laws: Vec<&Effect> = stand.iter().filter_map(|i| found.rig.effects.get(first + i)).collect();
     let points = forces(found, (form, at), &laws)?;
+    let is_itself = |c: &Candidate| stand.len() == 1 && c.effect == added[stand[0]].candidate.effect;
+    let others = library.iter().filter(|c| place(c) == Some((form, at)) && !is_itself(c));
+    let near = others.filter_map(|c| nearest(c, &points).map(|values| (left(c, &values, &points), c, values)));
+    let all: f64 = points.iter().map(|(_, f)| f * f).sum();
+    let (_, candidate, values) =
+        near.filter(|(left, ..)| *left < (1.0 - GREATER_PART) * all).min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let mut rig = with_effect(&found.rig, candidate, &values);
+    let effect = rig.effects.pop()?;
+    stand.iter().rev().for_each(|i| {
+        rig.effects.remove(first + i);
+    });
+    rig.effects.insert(first + stand[0], effect);
+    let (problem, start) = found.extended(rig);
+    let hypothesis = within(allowance(found), found, problem, start, (&found.noise, REFIT), context)?;
     let gain: f64 = stand.iter().map(|i| added[*i].gain).sum();
-    let stands = |c: &Candidate| stand.len() == 1 && c.effect == added[stand[0]].candidate.effect;
-    let others = library.iter().filter(|c| place(c) == Some((form, at)) && !stands(c));
-    let mut starts: Vec<(f64, &Candidate, Vec<f64>)> =
-        others.filter_map(|c| nearest(c, &points).map(|values| (left(c, &values, &points), c, values))).collect();
-    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let fitted = |(_, candidate, values): &(f64, &Candidate, Vec<f64>)| {
-        let mut rig = with_effect(&found.rig, candidate, values);
-        let effect = rig.effects.pop()?;
-        stand.iter().rev().for_each(|i| {
-            rig.effects.remove(first + i);
-        });
-        rig.effects.insert(first + stand[0], effect);
-        let (problem, start) = found.extended(rig);
-        let hypothesis = within(allowance(found), found, problem, start, (&found.noise, FIT), context)?;
-        let gain = gain - compare(found, &hypothesis, context).total;
-        Some(CandidateFit { candidate: (*candidate).clone(), hypothesis, gain })
+    let behind = compare(found, &hypothesis, context).total;
+    let trial = CandidateFit { candidate: candidate.clone(), hypothesis, gain: gain - behind };
+    let is_better = match stand {
+        [one] => takes_its_place(found, &trial, &added[*one], (gain, Lead::Clear), context),
+        _ => stands_for_several(found, &trial, gain, context),
     };
-    let stands = |trial: &CandidateFit| {
-        let better = match stand {
-            [one] => takes_its_place(found, trial, &added[*one], (gain, Lead::Clear), context),
-            _ => stands_for_several(found, trial, gain, context),
-        };
-        better && is_admitted(found, trial, first + stand[0], context)
-    };
-    let fits: Vec<CandidateFit> = starts.par_iter().take(ASKED).filter_map(fitted).collect();
-    fits.into_iter().filter(stands).max_by(|a, b| a.gain.total_cmp(&b.gain))
+    (is_better && is_admitted(found, &trial, first + stand[0], context)).then_some(trial)
 }
 
 /// Coordinate or rate, and the force that `laws` make there, row by row of the run.
@@ -176,14 +153,21 @@ mod tests {
         ];
         let key = |name, min, max| Key { name, min, max, log: false };
         let keys = vec![key("stiffness", 0.0, 10.0), key("rest", -2.0, 2.0)];
-        let library =
-            |_: &FittedModel| vec![Candidate { keys: keys.clone(), ..problem.candidate("parallel_spring", "q1") }];
+        let library = [Candidate { keys, ..problem.candidate("parallel_spring", "q1") }];
         let one = exchange_laws(two, &mut added, &library, &context, &mut |_| {});
         assert_eq!(added.iter().map(|a| a.candidate.effect).collect::<Vec<_>>(), ["parallel_spring", "quadratic_drag"]);
         assert_eq!(one.rig.effects.len(), context.given + 2);
         let [stiffness, rest] = spring(&one, context.given);
         assert!((stiffness / 0.5 - 1.0).abs() < 0.05 && (rest - 0.2).abs() < 0.02, "{stiffness} {rest}");
-        let same = exchange_laws(one.clone(), &mut added, &library, &context, &mut |_| {});
-        assert_eq!((same.rig, added.len()), (one.rig, 2));
+        let text = format!("{drag}{SPRING}stiffness = 0.5\nrest = 0.2\n");
+        let (spring, mut added) = (
+            problem.fitted(&text, 15),
+            vec![
+                problem.added("quadratic_drag", "q1", 500.0, Vec::new()),
+                problem.added("parallel_spring", "q1", 1000.0, Vec::new()),
+            ],
+        );
+        let same = exchange_laws(spring.clone(), &mut added, &library, &context, &mut |_| {});
+        assert_eq!((same.rig, added.len()), (spring.rig, 2));
     }
 }

@@ -6,10 +6,9 @@ use crate::diagnose::judge::accept::is_at_bound;
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::judge::exchange::is_clear;
 use crate::diagnose::judge::simplicity::LIMITS_OF;
-use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::library::candidate_fit::{CandidateFit, REFIT, SelectedEffect};
 use crate::diagnose::search::budget::{MOST_EFFORT, allowance, within};
 use crate::diagnose::search::exchange::{NEAR, in_its_place};
-use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::is_misfit;
 use rayon::prelude::*;
@@ -30,7 +29,7 @@ pub fn exchange_pairs(
     if late.is_empty() || found.problem.effort.spent() > MOST_EFFORT / 5 * 4 {
         return found;
     }
-    let (most, limits) = (allowance(&found), Limits { iterations: 10, tolerance: 1e-5 });
+    let most = allowance(&found);
     for j in 1..added.len() {
         for i in 0..j {
             let stays =
@@ -44,7 +43,7 @@ pub fn exchange_pairs(
             let fitted = |[a, b]: [&CandidateFit; 2]| {
                 let rig = in_its_place(&found.rig, a, context.given + i)?;
                 let (problem, start) = found.extended(in_its_place(&rig, b, context.given + j)?);
-                let fit = within(most, &found, problem, start, (&found.noise, limits), context)?;
+                let fit = within(most, &found, problem, start, (&found.noise, REFIT), context)?;
                 let cut_off = [i, j].map(|k| fit.rig.effects.get(context.given + k).is_some_and(is_at_bound));
                 let ahead = compare(&fit, &found, context).total;
                 // Where misfit stays no form is the true one, and a swap tells nothing.

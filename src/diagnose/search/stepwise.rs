@@ -205,6 +205,8 @@ struct Search<'s> {
     asked: usize,
     /// Those of this round.
     near: Vec<Start>,
+    /// What was asked in the last round of the whole library.
+    candidates: Vec<Candidate>,
 }
 
 impl<'s> Search<'s> {
@@ -218,7 +220,22 @@ impl<'s> Search<'s> {
         let (added, last) = (Vec::new(), Vec::new());
         let all = Selection { base: base.clone(), found: base.clone(), added, last, cut_short: false };
         let (explained, restarts, last_cost, beside, asked, near) = (0.0, 0, 0, 0, 0, Vec::new());
-        Self { given, also, library, context, all, explained, restarts, last_cost, beside, stood, asked, near }
+        let candidates = Vec::new();
+        Self {
+            given,
+            also,
+            library,
+            context,
+            all,
+            explained,
+            restarts,
+            last_cost,
+            beside,
+            stood,
+            asked,
+            near,
+            candidates,
+        }
     }
 
     /// Round after round, until one brings nothing.
@@ -271,11 +288,11 @@ impl<'s> Search<'s> {
             return earlier.is_empty() && self.asks_runners_up(said) || self.ends_early(earlier, said);
         }
         let spent = self.spent();
-        let library = (self.library)(&self.all.found);
-        said(&format!("{} candidates", library.len()));
+        self.candidates = (self.library)(&self.all.found);
+        said(&format!("{} candidates", self.candidates.len()));
         self.near =
             self.all.added.last().map(|last| runners_up(&self.all.found, last, self.context)).unwrap_or_default();
-        let asked = Asked { library: &library, near: &self.near };
+        let asked = Asked { library: &self.candidates, near: &self.near };
         self.all.last = round(&self.all.found, (&self.all.found, earlier), asked, self.context, &mut *said);
         self.last_cost = self.spent() - spent;
         if let Some(also) = self.also.filter(|_| self.all.added.is_empty()) {
@@ -433,7 +450,7 @@ impl<'s> Search<'s> {
         self.all.add(best, self.context);
         let found = self.all.found.clone();
         let found = exchange_near_rivals(found, &mut self.all.added, self.context, said);
-        self.all.found = exchange_laws(found, &mut self.all.added, self.library, self.context, said);
+        self.all.found = exchange_laws(found, &mut self.all.added, &self.candidates, self.context, said);
     }
 
     /// True if two candidates that hide each other were added together.
