@@ -6,7 +6,7 @@ use crate::diagnose::base_model::{DiagnoseError, again, ready, runaway, warnings
 use crate::diagnose::input_checks::{at_bounds, suspicions};
 use crate::diagnose::judge::estimates::{estimates, undetermined_combinations};
 use crate::diagnose::supposed::{Supposed, with_supposed};
-use crate::identify::base_fit::fitted;
+use crate::identify::base_fit::{as_given, fitted, lands_elsewhere};
 use crate::identify::experiment::Experiment;
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
@@ -46,9 +46,12 @@ pub fn identify_with(experiment: &Experiment, supposed: &[Supposed]) -> Result<I
     let first = fitted(rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
     let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
     let mut best = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
-    for effect in supposed {
+    let given = if lands_elsewhere(&best, &floors) { as_given(rig, &recordings, &pooled, &floors) } else { None };
+    for (i, effect) in supposed.iter().enumerate() {
         let no_place = || DiagnoseError::NoPlace(effect.kind.id().to_owned());
-        best = with_supposed(&best, effect, &pooled, &floors).ok_or_else(no_place)?;
+        let from = [Some(&best), given.as_ref().filter(|_| i == 0)].into_iter().flatten();
+        let fits = from.filter_map(|from| with_supposed(from, effect, &pooled, &floors));
+        best = fits.max_by(|a, b| a.likelihood.total_cmp(&b.likelihood)).ok_or_else(no_place)?;
     }
     let best = coloured(best, &floors).with_intervals();
     let (clean, left_out) = cleaned(experiment, &best.rig);

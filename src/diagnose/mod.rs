@@ -10,7 +10,8 @@
 //!    second walk on whole windows.
 //! 2. [`search`], [`stepwise`]: forward selection. In a [`round`] every candidate of the [`library`] ([`candidates`],
 //!    [`initial_guesses`]) is scored by what one linear step promises ([`screen`], [`score_test`]); the best are fitted in full,
-//!    jointly with all base parameters.
+//!    jointly with all base parameters. Where a number of the base is at its bound, or feet land where it does not follow, the first
+//!    effect is sought from the numbers as given, too.
 //!    The first that is accepted, and stays off its bounds when it is fitted to the end, is added; then the next round. There
 //!    the [`runners_up`] of the last one are fitted whatever they promise, and alone where there is no time for more.
 //!    Laws that stand at a joint ([`laws`](library::laws)) are exchanged for one whose force is nearest to theirs ([`law_exchange`]).

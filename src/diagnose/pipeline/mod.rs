@@ -8,7 +8,7 @@ mod start;
 
 use crate::diagnose::base_model::{DiagnoseError, warnings};
 use crate::diagnose::input_checks::contradicted;
-use crate::diagnose::judge::criterion::leaves_slow_noise;
+use crate::diagnose::judge::criterion::{Context, leaves_slow_noise};
 use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
 use crate::diagnose::judge::verdict::Findings;
@@ -19,7 +19,7 @@ use crate::identify::fitted_model::FittedModel;
 use crate::identify::outliers::cleaned;
 use crate::model::rig::Rig;
 use found::Found;
-use stages::{finished, without_slow_noise};
+use stages::{finished, slow_noise_as_misfit, without_slow_noise};
 use start::{RUNS_AWAY, Start, computing_as};
 use std::time::Instant;
 
@@ -147,15 +147,25 @@ fn searched(
     mut is_vain: impl FnMut(&FittedModel) -> bool,
     said: &mut dyn FnMut(&str),
 ) -> Selection {
-    let Start { given, base, context, .. } = start;
+    let Start { base, context, .. } = start;
     let library = |now: &FittedModel| start.library(now);
-    let also = given.as_ref().filter(|_| context.is_trapped).map(|given| given.counted_with(base));
+    let also = start.other_place();
     let rig = computing_as(&experiment.rig, base);
-    let all = forward((&rig, base), (also.as_ref(), stood), library, &mut is_vain, context, &mut *said);
+    let all = forward((&rig, base), (also.as_ref(), stood.clone()), library, &mut is_vain, context, &mut *said);
     // Slow noise beside what was found is misfit that was not sought.
     let is_open = all.added.is_empty() || leaves_slow_noise(&all.found);
     let strict = if is_open { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
     said("what passes for noise is slower than noise: again without");
-    forward((&rig, &strict), (None, Vec::new()), library, &mut is_vain, context, said)
+    let stood = with_slow_noise_as_misfit([stood, start.each_alone(&all)].concat(), context);
+    forward((&rig, &strict), (None, stood), library, &mut is_vain, context, said)
+}
+
+/// `trials` of a search in which slow noise passed for noise, for one in which it does not.
+fn with_slow_noise_as_misfit(trials: Vec<CandidateFit>, context: &Context) -> Vec<CandidateFit> {
+    let one = |trial: CandidateFit| {
+        let hypothesis = slow_noise_as_misfit(&trial.hypothesis, context)?;
+        Some(CandidateFit { hypothesis, ..trial })
+    };
+    trials.into_iter().filter_map(one).collect()
 }

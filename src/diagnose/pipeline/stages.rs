@@ -119,8 +119,13 @@ pub(super) fn without_slow_noise(base: &FittedModel, last: &[CandidateFit], cont
     if !leaves_slow_noise(base) && !last.iter().any(|trial| leaves_slow_noise(&trial.hypothesis)) {
         return None;
     }
-    let problem = Problem { longest_memory: LONGEST_MEMORY, ..base.problem.clone() };
-    FittedModel::at(problem, base.point.clone(), base.information.clone(), &context.floors)
+    slow_noise_as_misfit(base, context)
+}
+
+/// `of` with slow noise taken for mismatch.
+pub(super) fn slow_noise_as_misfit(of: &FittedModel, context: &Context) -> Option<FittedModel> {
+    let problem = Problem { longest_memory: LONGEST_MEMORY, ..of.problem.clone() };
+    FittedModel::at(problem, of.point.clone(), of.information.clone(), &context.floors)
 }
 
 /// `base` with the noise that the best candidate left, where none was believed though that one gained more than chance: what

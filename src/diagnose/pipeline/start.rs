@@ -16,7 +16,7 @@ use crate::diagnose::screen::scales::scales;
 use crate::diagnose::screen::score_test::ScoreTest;
 use crate::diagnose::search::numerics::{stepped_from_given, to_its_end, with_likeliest_numerics, with_numerics};
 use crate::diagnose::search::stepwise::Selection;
-use crate::identify::base_fit::{anew, as_given, fitted, follows};
+use crate::identify::base_fit::{anew, as_given, fitted, follows, lands_elsewhere};
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
@@ -81,6 +81,14 @@ impl Start {
     pub(super) fn longest_followed<'c>(&self, closer: &'c [FittedModel]) -> Option<&'c FittedModel> {
         let follows = |of: &&FittedModel| follows(of, &self.pooled, &self.context.floors);
         closer.iter().find(follows).or_else(|| closer.last())
+    }
+
+    /// The numbers as given, if a first effect is to be sought from there too: the base is no fair start at its bounds, nor where feet land
+    /// elsewhere.
+    pub(super) fn other_place(&self) -> Option<FittedModel> {
+        let Self { given, base, context, .. } = self;
+        let is_asked = context.is_trapped || lands_elsewhere(base, &context.floors);
+        given.as_ref().filter(|_| is_asked).map(|given| given.counted_with(base))
     }
 
     /// The same, its work counted anew.
@@ -232,7 +240,9 @@ pub(super) fn numerics_told(numerics: Numerics) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::stages::slow_noise_as_misfit;
     use super::*;
+    use crate::diagnose::judge::numbers::LONGEST_MEMORY;
     use crate::identify::synthesis::record;
     use crate::model::effect::EffectKind;
     use crate::model::rig::{Effect, Side, Value};
@@ -318,6 +328,8 @@ mod tests {
             let [effect] = &trial.hypothesis.rig.effects[..] else { panic!("not alone") };
             assert_eq!(effect.kind.id(), trial.candidate.effect);
             assert_eq!(trial.hypothesis.rig.numerics, start.base.rig.numerics);
+            let strict = slow_noise_as_misfit(&trial.hypothesis, &start.context).unwrap();
+            assert_eq!((strict.problem.longest_memory, strict.point), (LONGEST_MEMORY, trial.hypothesis.point.clone()));
         }
     }
 }
