@@ -7,7 +7,7 @@
 //!    and each effect that was found stands among its first candidates.
 //!    Where the walk to step 5 names nothing that holds, pieces of the windows are asked ([`horizon`]; where what it names explains most of
 //!    the misfit, for chaotic motion only): the shortest for the base and the numerics, longer ones for effects, which stand among the first candidates of a
-//!    second walk on whole windows.
+//!    second walk on whole windows. Where they show what was named already, and no better, the first walk stands.
 //! 2. [`search`], [`stepwise`]: forward selection. In a [`round`] every candidate of the [`library`] ([`candidates`],
 //!    [`initial_guesses`]) is scored by what one linear step promises ([`screen`], [`score_test`]); the best are fitted in full,
 //!    jointly with all base parameters. Where a number of the base is at its bound, or feet land where it does not follow, the first

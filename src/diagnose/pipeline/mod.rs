@@ -8,12 +8,13 @@ mod start;
 
 use crate::diagnose::base_model::{DiagnoseError, warnings};
 use crate::diagnose::input_checks::contradicted;
-use crate::diagnose::judge::criterion::{Context, leaves_slow_noise};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, leaves_slow_noise};
 use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
 use crate::diagnose::judge::verdict::Findings;
-use crate::diagnose::library::candidate_fit::CandidateFit;
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::search::stepwise::{Selection, forward};
+use crate::identify::base_fit::anew;
 use crate::identify::experiment::Experiment;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::outliers::cleaned;
@@ -65,7 +66,7 @@ pub fn diagnose(
     // Where the simulation is far off whole windows may hide what is missing: pieces of them show it.
     let is_explained = walk.found.explains(&walk.start.context);
     let closer = if walk.found.holds(&walk.start) { Vec::new() } else { first.closer(experiment, is_explained) };
-    if let Some((start, stood)) = from_pieces(experiment, first, &closer, &mut said) {
+    if let Some((start, stood)) = from_pieces(experiment, (first, &walk), &closer, &mut said) {
         walk = on_whole_windows(experiment, start, stood, (options, &mut said));
     }
     let OnWholeWindows { start, found, last, cut_short } = walk;
@@ -89,12 +90,25 @@ struct OnWholeWindows {
     cut_short: bool,
 }
 
+impl OnWholeWindows {
+    /// True if `shown`, what pieces of the windows show, is what was found, and no better on the whole ones from its numbers there.
+    fn is_borne_out_by(&self, shown: &Selection) -> bool {
+        let (found, context) = (&self.found.found, &self.start.context);
+        let is_found = |of: &SelectedEffect| self.found.added.iter().any(|a| a.candidate.is_same_as(&of.candidate));
+        let is_same = shown.added.len() == self.found.added.len()
+            && shown.added.iter().all(is_found)
+            && shown.found.rig.numerics == found.rig.numerics;
+        let is_better = |again: FittedModel| compare(&again, found, context).total > detection_threshold(context, 0);
+        is_same && !anew(&found.problem, &shown.found.rig, &context.floors).is_some_and(is_better)
+    }
+}
+
 /// What a walk on whole windows starts from, by what pieces of them show: base and numerics from the shortest (the numerics from longer ones
 /// if these show none), and the effects that a search finds in the longest which the base follows. No search where the base then leaves but
-/// noise. `closer`: [`Start::closer`] of `first`.
+/// noise, and no walk where they bear out the one before. `closer`: [`Start::closer`] of `first`.
 fn from_pieces(
     experiment: &Experiment,
-    first: Start,
+    (first, walk): (Start, &OnWholeWindows),
     closer: &[FittedModel],
     said: &mut dyn FnMut(&str),
 ) -> Option<(Start, Vec<CandidateFit>)> {
@@ -107,6 +121,10 @@ fn from_pieces(
     }
     let pieces = start.in_pieces(start.longest_followed(closer)?, experiment, said)?;
     let shown = searched(experiment, &pieces, Vec::new(), |_| false, said);
+    if walk.is_borne_out_by(&shown) {
+        said("pieces show the same");
+        return None;
+    }
     said("what was found in pieces, on whole windows");
     if start.base.rig.numerics == numerics {
         start.goes_on_from(&pieces, experiment, said);
@@ -168,4 +186,42 @@ fn with_slow_noise_as_misfit(trials: Vec<CandidateFit>, context: &Context) -> Ve
         Some(CandidateFit { hypothesis, ..trial })
     };
     trials.into_iter().filter_map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::experiment::Recording;
+    use crate::identify::synthesis::record;
+
+    const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = { value = 0.011, min = 0.005, max = 0.02 }\n\
+        gravity_nm = 0.4\n[[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n\
+        [[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\nnoise_std = 0.001\n[[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\nwindow_s = 2.0\n";
+
+    #[test]
+    fn a_walk_is_borne_out_by_the_same_effects_that_are_no_better() {
+        let times: Vec<f64> = (0..600).map(|k| f64::from(k) * 0.01).collect();
+        let inputs = vec![times.iter().map(|t| libm::sin(7.0 * t)).collect()];
+        let blank = Recording { window_s: Some(2.0), ..Recording::new("a.csv", times, inputs, Vec::new()) };
+        let truth = RIG.replace("value = 0.011", "value = 0.01")
+            + "[[effect]]\neffect = \"torque_offset\"\nat = \"q1\"\ntorque = 0.05\n";
+        let measured = record(&Rig::parse(&truth, "truth").unwrap(), &blank, &[0.3, 0.0], Some(1)).unwrap().measured;
+        let recordings = vec![Recording { measured, ..blank }];
+        let experiment = Experiment { rig: Rig::parse(RIG, "rig.toml").unwrap(), recordings };
+        let start = Start::of(&experiment, 0, &mut |_| {}).unwrap();
+        let mut walk = on_whole_windows(&experiment, start, Vec::new(), (Options::default(), &mut |_| {}));
+        assert_eq!(walk.found.added[0].candidate.effect, "torque_offset");
+        let Found { base, found, added, .. } = &walk.found;
+        let (last, cut_short) = (Vec::new(), false);
+        let shown = Selection { base: base.clone(), found: found.clone(), added: added.clone(), last, cut_short };
+        assert!(walk.is_borne_out_by(&shown));
+        // In a false minimum, which the numbers of the pieces lead out of.
+        let mut astray = found.point.clone();
+        astray.parameters[0] += 0.3;
+        walk.found.found = FittedModel::at(found.problem.clone(), astray, found.information.clone(), &[1e-4]).unwrap();
+        assert!(!walk.is_borne_out_by(&shown), "they are better");
+        walk.found.found = shown.found.clone();
+        walk.found.added.clear();
+        assert!(!walk.is_borne_out_by(&shown), "another effect");
+    }
 }
