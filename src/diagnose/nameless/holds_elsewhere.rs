@@ -25,16 +25,16 @@ impl<'f> Elsewhere<'f> {
         Self { of, context, held_out: OnceCell::new(), cut: OnceCell::new() }
     }
 
-    /// True if `pattern` is not borne out where it was not fitted. A force that goes with the state is asked of recordings that
+    /// What bears `pattern` out where it was not fitted; `None` if nothing does. A force that goes with the state is asked of recordings that
     /// no fit saw; a vibration, and any force if there are none, of the same recordings cut at other instants; a force that acts
     /// at times of its own recording, where it must leave but noise. One that acts all the time and goes with time alone
     /// predicts nothing.
-    pub(in crate::diagnose) fn refutes(&self, pattern: &Pattern, said: &mut dyn FnMut(&str)) -> bool {
+    pub(in crate::diagnose) fn bears_out(&self, pattern: &Pattern, said: &mut dyn FnMut(&str)) -> Option<Confirmation> {
         let Self { of, context, .. } = *self;
         let floors = &context.floors;
         let event = pattern.interval.map(|(recording, ..)| of.problem.recordings[recording].name.clone());
         if event.is_none() && pattern.is_over_time() && !pattern.is_sine() {
-            return true;
+            return None;
         }
         let told = if let Some(event) = event {
             let quiet = quiet_noise(of, |r| r.name == event, floors);
@@ -48,9 +48,9 @@ impl<'f> Elsewhere<'f> {
             let examiner = kept.get_or_init(|| Examiner::of(&runs()?, None, floors));
             examiner.as_ref().map(|examiner| examiner.asks(pattern))
         };
-        let Some(told) = told else { return true };
+        let told = told?;
         said(&format!("   a force over {}, where it was not fitted: {told}", pattern.over));
-        !told.holds()
+        told.holds().then_some(told)
     }
 }
 

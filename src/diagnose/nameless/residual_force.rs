@@ -10,13 +10,13 @@ use crate::diagnose::nameless::change_point::ChangePoint;
 use crate::diagnose::nameless::force_patterns::{Pattern, law, located, patterns, share};
 use crate::diagnose::nameless::free_curve::FreeCurve;
 use crate::diagnose::nameless::holds_elsewhere::Elsewhere;
-use crate::diagnose::robustness::held_out::Confirmation;
+use crate::diagnose::robustness::held_out::{Confirmation, fall_of_squares};
 use crate::diagnose::robustness::instants::FreeInstants;
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::score_test::ScoreTest;
 use crate::diagnose::sentence;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::likelihood::is_misfit;
+use crate::identify::likelihood::{is_misfit, white};
 use crate::identify::noise::{Colour, loss};
 use crate::model::effect::EffectKind;
 use std::collections::BTreeMap;
@@ -36,6 +36,8 @@ pub struct Unlisted {
     pub over_position_of: Option<usize>,
     /// True if its force goes with nothing but time: it predicts no other recording.
     pub is_over_time: bool,
+    /// By how much the error falls with it where it was not fitted, in squares of what is left there without it; 0 if nothing was asked.
+    pub gained: f64,
 }
 
 impl Unlisted {
@@ -49,6 +51,7 @@ impl Unlisted {
             share: None,
             over_position_of: None,
             is_over_time: false,
+            gained: 0.0,
         }
     }
 }
@@ -100,8 +103,7 @@ pub fn unexplained(
     if is_removed(removed) || excess.leaves_little(on_found) {
         return None;
     }
-    let mut is_told_by_names =
-        || force.as_ref().is_some_and(|f| f.is_over_time) && bear_out(found, base, context, said);
+    let mut is_told_by_names = || force.as_ref().is_some_and(|force| predict_better(force, found, base, context, said));
     if held.beats_listed() && !is_told_by_names() {
         return Some((force?, true));
     }
@@ -176,6 +178,7 @@ fn over_position(
             share: Some(part),
             over_position_of: Some(joint),
             is_over_time: false,
+            gained: 0.0,
         }
     })
 }
@@ -191,8 +194,26 @@ fn refutes_curve(curve: &FreeCurve, base: &FittedModel, context: &Context, said:
     !told.holds()
 }
 
-/// True if recordings that no fit saw speak for the listed effects: a force over time, which explains anything where it was
-/// fitted and predicts nothing, does not stand in their place.
+/// True if the listed effects predict recordings that no fit saw better than `force` does, on the base: it does not stand in their place.
+/// A force over time explains anything where it was fitted and predicts nothing.
+fn predict_better(
+    force: &Unlisted,
+    found: &FittedModel,
+    base: &FittedModel,
+    context: &Context,
+    said: &mut dyn FnMut(&str),
+) -> bool {
+    if force.is_over_time {
+        return bear_out(found, base, context, said);
+    }
+    let on_kept_back = |of: &FittedModel| context.held_out.as_ref()?.residuals(&of.rig);
+    let (Some(with), Some(without)) = (on_kept_back(found), on_kept_back(base)) else { return false };
+    let gained = fall_of_squares(&with, &without, &white(&without, &context.floors));
+    said(&format!("   the listed effects on recordings kept back: gain {gained:.0}, the force {:.0}", force.gained));
+    gained > force.gained
+}
+
+/// True if recordings that no fit saw speak for the listed effects.
 fn bear_out(found: &FittedModel, base: &FittedModel, context: &Context, said: &mut dyn FnMut(&str)) -> bool {
     let held_out = context.held_out.as_deref();
     let Some(told) = Confirmation::on_kept_back(found, base, held_out, &context.floors) else { return false };
@@ -250,8 +271,8 @@ fn structure(of: &FittedModel, with_time: bool, context: &Context, said: &mut dy
     // What is too little to count says how little is left, and is not asked.
     let asked = |p: &&Pattern| p.excess() > detection_threshold(context, 0);
     let elsewhere = Elsewhere::of(of, context);
-    let held = patterns.iter().take_while(asked).find(|p| !elsewhere.refutes(p, said));
-    let force = held.map(|p| (unlisted(of, p, &patterns), p.excess()));
+    let held = patterns.iter().take_while(asked).find_map(|p| Some((p, elsewhere.bears_out(p, said)?)));
+    let force = held.map(|(p, told)| (Unlisted { gained: told.gained, ..unlisted(of, p, &patterns) }, p.excess()));
     Some(Structure { excess: best.excess(), at: name(best), force })
 }
 
@@ -272,6 +293,7 @@ fn unlisted(of: &FittedModel, told: &Pattern, patterns: &[Pattern]) -> Unlisted 
         share: Some(share),
         over_position_of: told.is_over_position().then_some(told.joint),
         is_over_time: told.is_over_time(),
+        gained: 0.0,
     }
 }
 
@@ -300,5 +322,22 @@ mod tests {
     #[test]
     fn what_predicts_a_recording_kept_back_is_borne_out_and_what_spoils_it_is_not() {
         assert!(borne_out(DRAG) && !borne_out(""));
+    }
+
+    #[test]
+    fn a_force_stands_in_the_place_of_effects_only_if_it_predicts_recordings_kept_back_better() {
+        let Shown { context, problem } = shown(DRAG);
+        let (base, found) = (problem.fitted("", 20), problem.fitted(DRAG, 20));
+        let kept_back = Recording { usage: Use::Heldout, ..found.problem.recordings[0].clone() };
+        let experiment = Experiment { rig: base.rig.clone(), recordings: vec![kept_back] };
+        let held_out = HeldOut::of(&experiment, &base.rig).map(Arc::new);
+        let samples = base.residuals.iter().flatten().flatten().count() as f64;
+        let told = |part: f64, held_out| {
+            let force = Unlisted { gained: part * samples, ..Unlisted::at("q1", String::new()) };
+            predict_better(&force, &found, &base, &Context { held_out, ..context.clone() }, &mut |_| {})
+        };
+        assert!(told(0.1, held_out.clone()), "the drag explains nearly all of what the base leaves");
+        assert!(!told(2.0, held_out), "more than there is");
+        assert!(!told(0.1, None), "nothing was kept back");
     }
 }

@@ -158,3 +158,36 @@ fn settled(found: FittedModel, context: &Context) -> FittedModel {
     let best = escaped.into_iter().chain(afresh).max_by(|a, b| total(a).total_cmp(&total(b)));
     best.filter(|best| total(best) > total(&finer)).unwrap_or(finer)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::judge::verdict::Seen;
+    use crate::diagnose::judge::worked::{Shown, shown};
+    use crate::identify::rollout::Pooled;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn a_search_goes_on_where_something_was_taken_out_and_not_to_that_again() {
+        let drag = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = ";
+        let Shown { context, problem } =
+            shown(&format!("{drag}0.004\n[[effect]]\neffect = \"torque_offset\"\nat = \"q1\"\ntorque = 0.05\n"));
+        let base = problem.fitted("", 20);
+        let found = problem.fitted(&format!("{drag}{{ value = 0.001, min = 0.0, max = 0.1 }}\n"), 20);
+        let pooled = Pooled::of(&base.rig, base.problem.recordings.iter());
+        let start = Start { pooled, dropped: 0, given: None, base: base.clone(), context };
+        let stays = || Kept::all(found.clone(), vec![problem.added("quadratic_drag", "q1", 100.0, Vec::new())]);
+        let taken_out = |effect: &str| Seen {
+            effect: effect.into(),
+            at: "q1".into(),
+            share: 0.5,
+            parameters: BTreeMap::new(),
+            sentence: String::new(),
+        };
+        let names = |kept: Kept| kept.added.iter().map(|a| a.candidate.effect).collect::<Vec<_>>();
+        let after = |effect: &str| names(gone_on(&start, &base, stays().after(vec![taken_out(effect)]), &mut |_| {}));
+        assert_eq!(after("parallel_spring"), ["quadratic_drag", "torque_offset"]);
+        assert!(!after("torque_offset").contains(&"torque_offset"));
+        assert_eq!(names(gone_on(&start, &base, stays(), &mut |_| {})), ["quadratic_drag"], "nothing was taken out");
+    }
+}
