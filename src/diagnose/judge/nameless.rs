@@ -55,6 +55,12 @@ pub fn is_removed(part: f64) -> bool {
     1.0 - part <= QUARTER
 }
 
+/// True if the listed effects predict recordings that no fit saw better than a force does, by how much the squares fall with each.
+#[must_use]
+pub fn names_predict_better(listed: f64, force: f64) -> bool {
+    listed > force
+}
+
 /// True if a change of the machine with so many numbers is ahead of the listed effects, which gained `listed`.
 #[must_use]
 pub fn change_is_ahead(ahead: f64, listed: f64, numbers: usize, context: &Context) -> bool {

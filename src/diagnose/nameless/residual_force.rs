@@ -3,7 +3,7 @@
 //! RT: no.
 
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
-use crate::diagnose::judge::nameless::{Excess, is_removed};
+use crate::diagnose::judge::nameless::{Excess, is_removed, names_predict_better};
 use crate::diagnose::judge::numbers::TOUCHDOWN_S;
 use crate::diagnose::judge::verdict::{Law, Member, Missing, Place};
 use crate::diagnose::nameless::change_point::ChangePoint;
@@ -103,8 +103,8 @@ pub fn unexplained(
     if is_removed(removed) || excess.leaves_little(on_found) {
         return None;
     }
-    let mut is_told_by_names = || force.as_ref().is_some_and(|force| predict_better(force, found, base, context, said));
-    if held.beats_listed() && !is_told_by_names() {
+    let mut names_stand = || force.as_ref().is_some_and(|force| is_told_by_names(force, found, base, context, said));
+    if held.beats_listed() && !names_stand() {
         return Some((force?, true));
     }
     left.and_then(|left| left.force).filter(|(_, on_found)| excess.counts_on_top(*on_found)).map(|(u, _)| (u, false))
@@ -196,7 +196,7 @@ fn refutes_curve(curve: &FreeCurve, base: &FittedModel, context: &Context, said:
 
 /// True if the listed effects predict recordings that no fit saw better than `force` does, on the base: it does not stand in their place.
 /// A force over time explains anything where it was fitted and predicts nothing.
-fn predict_better(
+fn is_told_by_names(
     force: &Unlisted,
     found: &FittedModel,
     base: &FittedModel,
@@ -210,7 +210,7 @@ fn predict_better(
     let (Some(with), Some(without)) = (on_kept_back(found), on_kept_back(base)) else { return false };
     let gained = fall_of_squares(&with, &without, &white(&without, &context.floors));
     said(&format!("   the listed effects on recordings kept back: gain {gained:.0}, the force {:.0}", force.gained));
-    gained > force.gained
+    names_predict_better(gained, force.gained)
 }
 
 /// True if recordings that no fit saw speak for the listed effects.
@@ -334,7 +334,7 @@ mod tests {
         let samples = base.residuals.iter().flatten().flatten().count() as f64;
         let told = |part: f64, held_out| {
             let force = Unlisted { gained: part * samples, ..Unlisted::at("q1", String::new()) };
-            predict_better(&force, &found, &base, &Context { held_out, ..context.clone() }, &mut |_| {})
+            is_told_by_names(&force, &found, &base, &Context { held_out, ..context.clone() }, &mut |_| {})
         };
         assert!(told(0.1, held_out.clone()), "the drag explains nearly all of what the base leaves");
         assert!(!told(2.0, held_out), "more than there is");

@@ -245,18 +245,10 @@ impl Confirmation {
     }
 }
 
-/// By how much the squares fall from `without` to `with`, in units of `noise`.
+/// By how much the squares fall from `without` to `with`, of the same samples, in units of `noise`.
 #[must_use]
 pub fn fall_of_squares(with: &Residuals, without: &Residuals, noise: &[Colour]) -> f64 {
-    let squares = |of: &Residuals| -> Vec<f64> {
-        of.iter().map(|runs| runs.iter().flatten().map(|x| x * x).sum::<f64>()).collect()
-    };
-    let (with, without) = (squares(with), squares(without));
-    let fall = |(c, colour): (usize, &Colour)| {
-        let has_weight = colour.sigma > 0.0 && colour.sigma.is_finite();
-        if has_weight { (without[c] - with[c]) / (colour.sigma * colour.sigma) } else { 0.0 }
-    };
-    noise.iter().enumerate().map(fall).sum()
+    above(without, noise) - above(with, noise)
 }
 
 /// What additions to the readings of one model promise and gain, the numbers of which follow: what they mimic is none of it.
