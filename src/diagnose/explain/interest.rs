@@ -140,7 +140,10 @@ impl Kept {
     #[must_use]
     pub fn without_refuted(mut self, base: &FittedModel, context: &Context) -> Self {
         let count = self.added.len();
-        while let Some(Refuted { effect, without, why, .. }) = self.worst_refuted(base, context) {
+        // What goes for its row is true all the same: what it leaves then hides the others, which were asked beside it.
+        let mut is_hidden = false;
+        while let Some(Refuted { effect, without, why, .. }) = self.worst_refuted(is_hidden, base, context) {
+            is_hidden |= why == WITHIN_ITS_ROW;
             self.take_out(effect, without, why, context);
         }
         self.asked_again(count, base, context)
@@ -167,7 +170,8 @@ impl Kept {
         self.without_undetermined(base, context).without_refuted(base, context)
     }
 
-    fn worst_refuted(&mut self, base: &FittedModel, context: &Context) -> Option<Refuted> {
+    /// `is_hidden`: chance is not asked.
+    fn worst_refuted(&mut self, is_hidden: bool, base: &FittedModel, context: &Context) -> Option<Refuted> {
         self.ask_without(base, context);
         let one = |effect: usize| {
             let (candidate, without) = (&self.added[effect].candidate, self.without[effect].clone()?);
@@ -187,7 +191,8 @@ impl Kept {
             let only = candidate.only.as_deref();
             let beside = gain_beside_instants(&without, &self.found, (gain, least), only, TOUCHDOWN_S);
             let why = if gain > least { WITHIN_ITS_ROW } else { CHANCE };
-            (beside <= least).then_some(Refuted { effect, gained: beside, without, why })
+            let is_none = beside <= least && !(is_hidden && why == CHANCE);
+            is_none.then_some(Refuted { effect, gained: beside, without, why })
         };
         (0..self.added.len()).filter_map(one).min_by(|a, b| a.gained.total_cmp(&b.gained))
     }
@@ -374,6 +379,23 @@ mod tests {
         assert!(refuted.added.is_empty());
         assert!(refuted.seen[0].sentence.contains("speak against it"), "{:?}", refuted.seen);
         assert_eq!(asked_elsewhere(&format!("{DRAG}0.004\n")).added.len(), 1);
+    }
+
+    /// An offset, and readings that are late by less than half a row: beside that misfit the offset alone gains no more than chance.
+    #[test]
+    fn what_was_found_beside_a_delay_within_its_row_stays_when_that_goes() {
+        let Shown { context, problem } = shown(&format!("{DELAY}0.004\n{OFFSET}0.001\n"));
+        let (base, alone) = (problem.fitted("", 20), problem.fitted(&free(OFFSET, 0.001, 0.1), 20));
+        let found = problem.fitted(&[free(DELAY, 0.002, 0.2), free(OFFSET, 0.001, 0.1)].concat(), 20);
+        let gain = compare(&alone, &base, &context).total;
+        assert!(gain < detection_threshold(&context, 1), "{gain}");
+        let added = ["sensor_delay", "torque_offset"];
+        let places = ["y", "q1"];
+        let added = added.iter().zip(places).map(|(effect, at)| problem.added(effect, at, 1000.0, Vec::new()));
+        let kept = Kept::all(found, added.collect()).without_refuted(&base, &context);
+        assert_eq!(kept.added.iter().map(|a| a.candidate.effect).collect::<Vec<_>>(), ["torque_offset"]);
+        let [seen] = &kept.seen[..] else { panic!("{:?}", kept.seen) };
+        assert!(seen.effect == "sensor_delay" && seen.sentence.contains("known to a row"), "{}", seen.sentence);
     }
 
     #[test]

@@ -156,7 +156,8 @@ impl ScoreTest {
     #[must_use]
     pub fn score_beside(&self, columns: &[Column], own: &[Own]) -> Score {
         let n = columns.len();
-        let Projected { inverse, normal, gradient, apart } = self.projected(columns, own);
+        let Projected { normal, gradient, apart } = self.projected(columns, own);
+        let inverse = pseudo_inverse(&normal, 1e-9);
         let amplitudes = -(&inverse * &gradient);
         Score {
             gain: apart - amplitudes.dot(&gradient),
@@ -170,11 +171,14 @@ impl ScoreTest {
     /// amplitudes within `bounds`, and by `own` responses of the windows (or none).
     #[must_use]
     pub fn promise(&self, columns: &[Column], own: &[Own], bounds: &[(f64, f64)]) -> f64 {
-        let Projected { normal, gradient, apart, .. } = self.projected(columns, own);
-        let mut at = vec![1.0];
-        at.extend(bounded_minimum(&normal, &gradient, bounds));
-        let at = DVector::from_vec(at);
-        apart - (2.0 * gradient.dot(&at) + at.dot(&(&normal * &at)))
+        let free: Vec<usize> = (1..columns.len()).collect();
+        Joint(self.projected(columns, own)).promise(&[0], &free, bounds)
+    }
+
+    /// What all of `columns` say of one another, everything else following: of some of them a promise then costs next to nothing.
+    #[must_use]
+    pub fn joint(&self, columns: &[Column]) -> Joint {
+        Joint(self.projected(columns, &[]))
     }
 
     /// Squares of `column` as it is, what everything else mimics taken out of it, and the fall of the sum of squares if the
@@ -210,7 +214,7 @@ impl ScoreTest {
             // A column that the base mimics to 1 part in 1e8 carries rounding only.
             normal[(i, i)] += 1e-8 * full[i] + 1e-300;
         }
-        Projected { inverse: pseudo_inverse(&normal, 1e-9), normal, gradient, apart }
+        Projected { normal, gradient, apart }
     }
 
     /// What window number `w` says about `columns`, its initial state and `own` responses projected out; nothing if none of
@@ -356,10 +360,34 @@ fn own_inverse(mut normal: DMatrix<f64>) -> DMatrix<f64> {
 /// Normal equations after projection.
 struct Projected {
     normal: DMatrix<f64>,
-    inverse: DMatrix<f64>,
     gradient: DVector<f64>,
     /// Fall of the sum of squares without any of the columns.
     apart: f64,
+}
+
+/// Columns projected together, of which some are asked at a time.
+pub struct Joint(Projected);
+
+impl Joint {
+    /// Fall of the sum of squares if the simulation moved by the columns `as_they_are`, and by those that are `free` times amplitudes
+    /// within `bounds`.
+    #[must_use]
+    pub fn promise(&self, as_they_are: &[usize], free: &[usize], bounds: &[(f64, f64)]) -> f64 {
+        let Projected { normal, gradient, apart } = &self.0;
+        // The first is the sum of those that are as they are.
+        let members = |i: usize| if i == 0 { as_they_are } else { &free[i - 1..i] };
+        let entry = |i: usize, j: usize| {
+            let row = |a: &usize| members(j).iter().map(|b| normal[(*a, *b)]).sum::<f64>();
+            members(i).iter().map(row).sum()
+        };
+        let normal = DMatrix::from_fn(free.len() + 1, free.len() + 1, entry);
+        let slope = |i: usize, _: usize| members(i).iter().map(|a| gradient[*a]).sum();
+        let gradient = DVector::from_fn(free.len() + 1, slope);
+        let mut at = vec![1.0];
+        at.extend(bounded_minimum(&normal, &gradient, bounds));
+        let at = DVector::from_vec(at);
+        apart - (2.0 * gradient.dot(&at) + at.dot(&(&normal * &at)))
+    }
 }
 
 /// Minimum of the quadratic beside a prior that each amplitude is as large as `amplitudes` are in the mean, weighed by what is known

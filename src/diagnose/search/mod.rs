@@ -14,5 +14,6 @@ pub mod pairwise_exchange;
 pub mod ridge_restarts;
 pub mod round;
 pub mod runners_up;
+mod screening;
 pub mod stepwise;
 pub mod subsample;

@@ -9,20 +9,19 @@ use crate::diagnose::judge::criterion::{self, Context, detection_threshold};
 use crate::diagnose::library::candidate_fit::{CandidateFit, with_effect};
 use crate::diagnose::library::candidates::{Candidate, look_alike};
 use crate::diagnose::robustness::state_continuity::has_more_states;
-use crate::diagnose::screen::score_test::{Column, Own, ScoreTest};
-use crate::diagnose::search::budget::{MOST_EFFORT, allowance, allowance_of_a_look, within};
+use crate::diagnose::search::budget::{MOST_EFFORT, allowance, within};
+use crate::diagnose::search::screening::{Ranked, screened};
 use crate::diagnose::search::subsample::{Subsample, subsampled};
-use crate::identify::fit::{FreeRuns, Limits, Point, Series};
+use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::initial_states::refit_states;
 use crate::identify::likelihood::{blocks, white};
 use crate::identify::noise::Colour;
-use crate::identify::problem::Problem;
-use crate::model::rig::{Rig, Scope, Slot};
+use crate::model::rig::Rig;
 use rayon::prelude::*;
 
 /// Candidates that are fitted in full per round.
-const FITTED: usize = 5;
+pub(super) const FITTED: usize = 5;
 
 /// Lookalikes of the best that are fitted besides.
 const LOOKALIKES: usize = 9;
@@ -38,109 +37,6 @@ const LEADING: usize = 5;
 
 /// A candidate with less than this part of the leader's gain does not go on.
 const BEHIND: f64 = 0.2;
-
-/// A candidate, a start and the fall of twice the log-likelihood that it promises.
-type Ranked<'c> = (&'c Candidate, &'c [f64], f64);
-
-/// Every start of every candidate with the gain that one step promises, each candidate's best first: the first of all
-/// candidates, then the second of all, best candidates first.
-///
-/// Base parameters and initial states are followed along the base solution's own tangent: a start then costs one run
-/// with its few own directions instead of a full linearisation.
-///
-/// Given besides: how many starts were too costly to follow and were not tried.
-fn screened<'c>(base: &FittedModel, library: &'c [Candidate], noise: &[Colour]) -> (Vec<Ranked<'c>>, usize) {
-    let nothing = (Vec::new(), 0);
-    let Some(screen) = ScoreTest::new(&base.problem, &base.point, noise) else { return nothing };
-    let plain: Option<Vec<Vec<Series>>> = (0..base.problem.windows())
-        .into_par_iter()
-        .map(|w| base.problem.run(w, &base.point.parameters, &base.point.states[w], false))
-        .collect();
-    let Some(plain) = plain else { return nothing };
-    let most = allowance_of_a_look(base);
-    let starts: Vec<(&Candidate, &Vec<f64>)> =
-        library.iter().flat_map(|c| c.starts.iter().map(move |s| (c, s))).collect();
-    let one = |(candidate, start): &(&Candidate, &Vec<f64>)| promised(base, &screen, &plain, (candidate, start), most);
-    let looks: Vec<Result<f64, TooCostly>> = starts.par_iter().map(one).collect();
-    let costly = looks.iter().filter(|look| look.is_err()).count();
-    let gain = |look: Result<f64, TooCostly>| look.unwrap_or(f64::NEG_INFINITY);
-    let mut all: Vec<Ranked<'_>> =
-        starts.into_iter().zip(looks).map(|((c, s), look)| (c, s.as_slice(), gain(look))).collect();
-    all.retain(|b| b.2.is_finite());
-    all.sort_by(|a, b| b.2.total_cmp(&a.2));
-    let place = |(i, (c, ..)): (usize, &Ranked<'c>)| all[..i].iter().filter(|b| std::ptr::eq(b.0, *c)).count();
-    let places: Vec<usize> = all.iter().enumerate().map(place).collect();
-    let mut order: Vec<usize> = (0..all.len()).collect();
-    order.sort_by_key(|i| places[*i]);
-    (order.into_iter().map(|i| all[i]).collect(), costly)
-}
-
-/// A start that costs more than a look may.
-struct TooCostly;
-
-/// Gain that `candidate` promises from `start`: the move that the start itself makes, and one step from there; minus infinity if
-/// its run leaves the finite numbers. The look may cost `most`.
-fn promised(
-    base: &FittedModel,
-    screen: &ScoreTest,
-    plain: &[Vec<Series>],
-    (candidate, start): (&Candidate, &[f64]),
-    most: u64,
-) -> Result<f64, TooCostly> {
-    let (problem, point) = base.extended(with_effect(&base.rig, candidate, start));
-    let limited = problem.with_allowance(most);
-    let promise = promised_within(base, (screen, plain), &limited, &point);
-    let spent = limited.effort.spent().min(limited.effort.patience());
-    base.problem.effort.add(spent);
-    match promise {
-        None if limited.is_exhausted() => Err(TooCostly),
-        promise => Ok(promise.unwrap_or(f64::NEG_INFINITY)),
-    }
-}
-
-fn promised_within(
-    base: &FittedModel,
-    (screen, plain): (&ScoreTest, &[Vec<Series>]),
-    problem: &Problem,
-    point: &Point,
-) -> Option<f64> {
-    let e = base.rig.effects.len();
-    let own = |slot: Slot| matches!(slot, Slot::Effect(Scope::Rig, i, _) if i == e);
-    // Where inner states differ, those of the base are directions once more, which the projection allows for.
-    let held = |w: usize| {
-        let (new, old) = (point.states[w].len(), base.point.states[w].len());
-        if new == old { new } else { 2 * problem.degrees() }
-    };
-    let runs: Vec<Vec<Series>> =
-        (0..problem.windows()).map(|w| problem.run_along(w, point, own, held(w))).collect::<Option<_>>()?;
-    let of_problem = problem.bounds();
-    let mine = problem.theta.entries.iter().enumerate().filter(|(_, entry)| own(entry.slot));
-    let bounds: Vec<(f64, f64)> =
-        mine.map(|(i, _)| (of_problem[i].min - point.parameters[i], of_problem[i].max - point.parameters[i])).collect();
-    let mut columns: Vec<Column> = vec![moved(&runs, plain)];
-    columns.extend((0..bounds.len()).map(|j| slopes(&runs, j)));
-    Some(screen.promise(&columns, &inner_states(&runs, bounds.len()), &bounds))
-}
-
-/// The inner states of each window, if there are any: every window has its own.
-fn inner_states(runs: &[Vec<Series>], shared: usize) -> Vec<Own> {
-    let count = |run: &Vec<Series>| run.first().map_or(0, |s| s.slopes.len());
-    if runs.iter().all(|run| count(run) <= shared) {
-        return Vec::new();
-    }
-    let own = |run: &Vec<Series>, j: usize| run.iter().map(|s| s.slopes[j].clone()).collect();
-    runs.iter().map(|run| (shared..count(run)).map(|j| own(run, j)).collect()).collect()
-}
-
-/// By how much the start moves the simulation.
-fn moved(runs: &[Vec<Series>], plain: &[Vec<Series>]) -> Column {
-    let one = |(a, b): (&Series, &Series)| a.residual.iter().zip(&b.residual).map(|(x, y)| x - y).collect();
-    runs.iter().zip(plain).map(|(a, b)| a.iter().zip(b).map(one).collect()).collect()
-}
-
-fn slopes(runs: &[Vec<Series>], j: usize) -> Column {
-    runs.iter().map(|window| window.iter().map(|s| s.slopes[j].clone()).collect()).collect()
-}
 
 /// Splits the starts into those worth a full fit whatever it costs, and the others: the best, and every lookalike of the
 /// best three at the same place or any. What has inner states promises much wherever windows are many and may be no
@@ -469,34 +365,5 @@ pub(super) fn tell(trials: &[CandidateFit], context: &Context, said: &mut dyn Fn
         let values: Vec<f64> = effect.map(|e| e.values.iter().map(|v| v.value).collect()).unwrap_or_default();
         let (effect, at) = (t.candidate.effect, &t.candidate.at);
         said(&format!("   {effect:20} {at:12} gain {:9.1} of {} {values:.4?}", t.gain, context.samples));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::diagnose::library::candidates::Key;
-    use crate::diagnose::library::worked::hiding;
-    use crate::model::rig::Side;
-
-    const LAG: &str = "[[effect]]\neffect = \"actuator_lag\"\nat = \"u\"\ntime_constant = 0.02\n";
-
-    #[test]
-    fn a_start_is_looked_at_within_its_allowance_and_its_cost_is_counted() {
-        let problem = hiding(LAG);
-        let base = problem.fitted("", 20);
-        let key = Key { name: "time_constant", min: 0.0, max: 0.2, log: false };
-        let (effect, at, only, motor_sensor) = ("actuator_lag", "u".into(), None, None);
-        let starts = vec![vec![0.01], vec![0.03]];
-        let candidate = Candidate { effect, at, keys: vec![key], starts, only, motor_sensor, side: Side::Link };
-        let library = [candidate];
-        let before = base.problem.effort.spent();
-        let (ranked, costly) = screened(&base, &library, &base.noise);
-        assert_eq!((ranked.len(), costly), (2, 0));
-        assert!(ranked[0].2 > 100.0 && base.problem.effort.spent() > before);
-        let screen = ScoreTest::new(&base.problem, &base.point, &base.noise).unwrap();
-        let plain = vec![base.problem.run(0, &base.point.parameters, &base.point.states[0], false).unwrap()];
-        let look = |most: u64| promised(&base, &screen, &plain, (&library[0], &library[0].starts[0]), most);
-        assert!(look(1).is_err() && look(u64::MAX / 4).is_ok_and(|gain| gain > 100.0));
     }
 }

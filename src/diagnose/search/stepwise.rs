@@ -16,7 +16,7 @@ use crate::diagnose::robustness::cross_validation::CrossValidation;
 use crate::diagnose::search::basin_hopping::escape_local_minimum;
 use crate::diagnose::search::budget::{MOST_EFFORT, allowance, is_spent, within};
 use crate::diagnose::search::exchange::exchange_near_rivals;
-use crate::diagnose::search::joint_pair::add_jointly;
+use crate::diagnose::search::joint_pair::{Pair, Sought, add_jointly, add_together};
 use crate::diagnose::search::law_exchange::exchange_laws;
 use crate::diagnose::search::round::{Asked, Start, merged, promises_little, round, tell};
 use crate::diagnose::search::runners_up::{LEADS, runners_up};
@@ -40,6 +40,7 @@ const TRIED: usize = 3;
 const QUICK: usize = 20_000;
 
 /// What a forward selection comes to.
+#[derive(Clone)]
 pub struct Selection {
     /// The base, better than it was if a candidate led it out of a false minimum.
     pub base: FittedModel,
@@ -61,6 +62,13 @@ impl Selection {
         let others = std::mem::take(&mut self.last);
         self.added.push(SelectedEffect { candidate: best.candidate, others, gain: best.gain, removed });
         self.found = best.hypothesis;
+    }
+
+    /// To `base` without anything added.
+    fn go_back_to(&mut self, base: FittedModel) {
+        self.added.clear();
+        self.found = base;
+        self.cut_short = false;
     }
 
     /// From a better fit of the same effects.
@@ -111,7 +119,7 @@ fn out_of_local_minimum(
 }
 
 /// Steps to the end of a fit whose first steps were made among many.
-const TO_THE_END: Limits = Limits { iterations: 25, tolerance: 1e-5 };
+pub(super) const TO_THE_END: Limits = Limits { iterations: 25, tolerance: 1e-5 };
 
 /// `trial` of a round on top of `now` fitted on until it stands; `None` if it is none then: a number at its bound was cut off, not
 /// found.
@@ -207,6 +215,8 @@ struct Search<'s> {
     near: Vec<Start>,
     /// What was asked in the last round of the whole library.
     candidates: Vec<Candidate>,
+    /// True once two that explain it together were sought.
+    has_paired: bool,
 }
 
 impl<'s> Search<'s> {
@@ -235,6 +245,7 @@ impl<'s> Search<'s> {
             asked,
             near,
             candidates,
+            has_paired: false,
         }
     }
 
@@ -242,6 +253,9 @@ impl<'s> Search<'s> {
     fn run(mut self, is_vain: &mut dyn FnMut(&FittedModel) -> bool, said: &mut dyn FnMut(&str)) -> Selection {
         loop {
             if !self.next_round(said) {
+                if self.adds_pair(None, said) {
+                    continue;
+                }
                 return self.all;
             }
             tell(&self.all.last, self.context, said);
@@ -453,20 +467,52 @@ impl<'s> Search<'s> {
         self.all.found = exchange_laws(found, &mut self.all.added, &self.candidates, self.context, said);
     }
 
-    /// True if two candidates that hide each other were added together.
+    /// True if two candidates that hide each other were added together: one that does not hold alone with one that makes it hold, or two
+    /// that explain what nothing explains that was found one by one.
     fn adds_pair(&mut self, left_out: Option<&CrossValidation>, said: &mut dyn FnMut(&str)) -> bool {
-        let left_out = left_out.filter(|_| self.all.added.is_empty() && self.has_time());
-        let Some(pair) =
-            left_out.and_then(|l| add_jointly(&self.all.found, &self.all.last, self.library, l, self.context, said))
-        else {
+        let base = self.all.base.clone();
+        let Some(pair) = self.hidden_pair(left_out, said).or_else(|| self.explaining_pair(&base, said)) else {
             return false;
         };
-        for trial in pair {
-            self.all.last.retain(|t| !t.candidate.is_same_as(&trial.candidate));
+        self.all.go_back_to(base);
+        self.explained = 0.0;
+        for (trial, others) in pair {
             self.explained += trial.gain;
+            self.all.last = others;
             self.all.add(trial, self.context);
         }
         true
+    }
+
+    /// One of the last round, where nothing was added, that does not hold alone, and the one that makes it hold.
+    fn hidden_pair(&self, left_out: Option<&CrossValidation>, said: &mut dyn FnMut(&str)) -> Option<Pair> {
+        let left_out = left_out.filter(|_| self.all.added.is_empty() && self.has_time());
+        left_out.and_then(|_| add_jointly(&self.sought(&self.all.found, left_out), &self.all.last, said))
+    }
+
+    /// The best fit so far: what was found, or of no more than two effects the best of the last round on top of it.
+    fn best(&self) -> &FittedModel {
+        let leader = self.all.last.first().filter(|_| self.all.added.len() < 2).map(|t| &t.hypothesis);
+        let is_better = |of: &&FittedModel| compare(of, &self.all.found, self.context).total > 0.0;
+        leader.filter(is_better).unwrap_or(&self.all.found)
+    }
+
+    fn sought<'a>(&'a self, base: &'a FittedModel, left_out: Option<&'a CrossValidation>) -> Sought<'a> {
+        Sought { base, library: self.library, left_out, context: self.context }
+    }
+
+    /// Two effects on top of the base that explain more than what was found one by one. Asked once, if one alone gained more than chance.
+    fn explaining_pair(&mut self, base: &FittedModel, said: &mut dyn FnMut(&str)) -> Option<Pair> {
+        let counts = |t: &CandidateFit| t.gain > detection_threshold(self.context, t.candidate.keys.len());
+        let is_asked = !self.all.added.is_empty() || self.all.last.first().is_some_and(counts);
+        if self.has_paired || !is_asked || is_spent(&self.all.found) {
+            return None;
+        }
+        self.has_paired = true;
+        let left_out = CrossValidation::of(base, &self.context.floors);
+        let pair = add_together(&self.sought(base, left_out.as_ref()), self.best(), said)?;
+        self.beside = self.spent();
+        Some(pair)
     }
 }
 
