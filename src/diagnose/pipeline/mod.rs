@@ -13,7 +13,7 @@ use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
 use crate::diagnose::judge::verdict::Findings;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
-use crate::diagnose::search::stepwise::{Selection, forward};
+use crate::diagnose::search::stepwise::{Selection, forward, forward_on};
 use crate::identify::base_fit::anew;
 use crate::identify::experiment::Experiment;
 use crate::identify::fitted_model::FittedModel;
@@ -62,7 +62,7 @@ pub fn diagnose(
     let began = Instant::now();
     let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
     let first = Start::of(experiment, options.seed, &mut said)?;
-    let mut walk = on_whole_windows(experiment, first.clone(), Vec::new(), (options, &mut said));
+    let mut walk = on_whole_windows(experiment, first.clone(), Stood::default(), (options, &mut said));
     // Where the simulation is far off whole windows may hide what is missing: pieces of them show it.
     let is_explained = walk.found.explains(&walk.start.context);
     let closer = if walk.found.holds(&walk.start) { Vec::new() } else { first.closer(experiment, is_explained) };
@@ -91,37 +91,53 @@ struct OnWholeWindows {
 }
 
 impl OnWholeWindows {
-    /// True if `shown`, what pieces of the windows show, is what was found, and no better on the whole ones from its numbers there.
-    fn is_borne_out_by(&self, shown: &Selection) -> bool {
-        let (found, context) = (&self.found.found, &self.start.context);
+    /// True if `shown`, what pieces of the windows show, is what was found, and no better on the whole ones from its numbers there, as
+    /// `again` stands.
+    fn is_borne_out_by(&self, shown: &Selection, again: Option<&FittedModel>) -> bool {
         let is_found = |of: &SelectedEffect| self.found.added.iter().any(|a| a.candidate.is_same_as(&of.candidate));
         let is_same = shown.added.len() == self.found.added.len()
             && shown.added.iter().all(is_found)
-            && shown.found.rig.numerics == found.rig.numerics;
-        let is_better = |again: FittedModel| compare(&again, found, context).total > detection_threshold(context, 0);
-        is_same && !anew(&found.problem, &shown.found.rig, &context.floors).is_some_and(is_better)
+            && shown.found.rig.numerics == self.found.found.rig.numerics;
+        is_same && !again.is_some_and(|again| self.is_behind(again))
+    }
+
+    /// True if `again` is clearly better than what was found.
+    fn is_behind(&self, again: &FittedModel) -> bool {
+        let context = &self.start.context;
+        compare(again, &self.found.found, context).total > detection_threshold(context, 0)
     }
 }
 
+/// What an earlier search found.
+#[derive(Default)]
+struct Stood {
+    /// Each effect alone on top of the base.
+    each: Vec<CandidateFit>,
+    /// All of them together, where that is better than what was found without.
+    together: Option<Selection>,
+}
+
 /// What a walk on whole windows starts from, by what pieces of them show: base and numerics from the shortest (the numerics from longer ones
-/// if these show none), and the effects that a search finds in the longest which the base follows. No search where the base then leaves but
-/// noise, and no walk where they bear out the one before. `closer`: [`Start::closer`] of `first`.
+/// if these show none), and the effects that a search finds in the longest which the base follows: together where they are better there
+/// than what was found, else each as a first one. No search where the base then leaves but noise, and no walk where they bear out the one
+/// before. `closer`: [`Start::closer`] of `first`.
 fn from_pieces(
     experiment: &Experiment,
     (first, walk): (Start, &OnWholeWindows),
     closer: &[FittedModel],
     said: &mut dyn FnMut(&str),
-) -> Option<(Start, Vec<CandidateFit>)> {
+) -> Option<(Start, Stood)> {
     let shortest = first.in_pieces(closer.last()?, experiment, said)?;
     let numerics = first.base.rig.numerics;
     let mut start = first.with_own_effort();
     start.goes_on_from(&shortest, experiment, said);
     if start.leaves_noise() {
-        return Some((start, Vec::new()));
+        return Some((start, Stood::default()));
     }
     let pieces = start.in_pieces(start.longest_followed(closer)?, experiment, said)?;
-    let shown = searched(experiment, &pieces, Vec::new(), |_| false, said);
-    if walk.is_borne_out_by(&shown) {
+    let shown = searched(experiment, &pieces, Stood::default(), |_| false, said);
+    let again = anew(&start.base.problem, &shown.found.rig, &start.context.floors);
+    if walk.is_borne_out_by(&shown, again.as_ref()) {
         said("pieces show the same");
         return None;
     }
@@ -129,7 +145,11 @@ fn from_pieces(
     if start.base.rig.numerics == numerics {
         start.goes_on_from(&pieces, experiment, said);
     }
-    let stood = start.each_on_whole_windows(&shown);
+    let better = again.filter(|again| again.rig.numerics == start.base.rig.numerics && walk.is_behind(again));
+    let stood = match better {
+        Some(again) => Stood { together: Some(start.together_on_whole_windows(shown, again)), ..Stood::default() },
+        None => Stood { each: start.each_on_whole_windows(&shown), together: None },
+    };
     Some((start, stood))
 }
 
@@ -137,7 +157,7 @@ fn from_pieces(
 fn on_whole_windows(
     experiment: &Experiment,
     mut start: Start,
-    stood: Vec<CandidateFit>,
+    stood: Stood,
     (options, said): (Options, &mut dyn FnMut(&str)),
 ) -> OnWholeWindows {
     let mut other = None;
@@ -149,7 +169,7 @@ fn on_whole_windows(
     let is_explained = !selection.added.is_empty();
     if let Some(base) = other.or_else(|| is_explained.then(|| start.base_shown_by(&selection.found))?) {
         start.computes_as(base, experiment, said);
-        let stood = start.each_alone(&selection);
+        let stood = Stood { each: start.each_alone(&selection), together: None };
         selection = searched(experiment, &start, stood, |_| false, said);
     }
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
@@ -157,11 +177,11 @@ fn on_whole_windows(
     OnWholeWindows { start, found, last, cut_short }
 }
 
-/// Forward selection over the library. `stood`: what an earlier search found, on top of the base; `is_vain`: true of the fit with the first effect if the base is another one beside it.
+/// Forward selection over the library. `stood`: what an earlier search found; `is_vain`: true of the fit with the first effect if the base is another one beside it.
 fn searched(
     experiment: &Experiment,
     start: &Start,
-    stood: Vec<CandidateFit>,
+    stood: Stood,
     mut is_vain: impl FnMut(&FittedModel) -> bool,
     said: &mut dyn FnMut(&str),
 ) -> Selection {
@@ -169,13 +189,17 @@ fn searched(
     let library = |now: &FittedModel| start.library(now);
     let also = start.other_place();
     let rig = computing_as(&experiment.rig, base);
-    let all = forward((&rig, base), (also.as_ref(), stood.clone()), library, &mut is_vain, context, &mut *said);
+    let Stood { each, together } = stood;
+    let all = match together {
+        Some(together) => forward_on(together, library, context, &mut *said),
+        None => forward((&rig, base), (also.as_ref(), each.clone()), library, &mut is_vain, context, &mut *said),
+    };
     // Slow noise beside what was found is misfit that was not sought.
     let is_open = all.added.is_empty() || leaves_slow_noise(&all.found);
     let strict = if is_open { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
     said("what passes for noise is slower than noise: again without");
-    let stood = with_slow_noise_as_misfit([stood, start.each_alone(&all)].concat(), context);
+    let stood = with_slow_noise_as_misfit([each, start.each_alone(&all)].concat(), context);
     forward((&rig, &strict), (None, stood), library, &mut is_vain, context, said)
 }
 
@@ -209,19 +233,20 @@ mod tests {
         let recordings = vec![Recording { measured, ..blank }];
         let experiment = Experiment { rig: Rig::parse(RIG, "rig.toml").unwrap(), recordings };
         let start = Start::of(&experiment, 0, &mut |_| {}).unwrap();
-        let mut walk = on_whole_windows(&experiment, start, Vec::new(), (Options::default(), &mut |_| {}));
+        let mut walk = on_whole_windows(&experiment, start, Stood::default(), (Options::default(), &mut |_| {}));
         assert_eq!(walk.found.added[0].candidate.effect, "torque_offset");
         let Found { base, found, added, .. } = &walk.found;
         let (last, cut_short) = (Vec::new(), false);
         let shown = Selection { base: base.clone(), found: found.clone(), added: added.clone(), last, cut_short };
-        assert!(walk.is_borne_out_by(&shown));
+        let again = |walk: &OnWholeWindows| anew(&walk.found.found.problem, &shown.found.rig, &[1e-4]);
+        assert!(walk.is_borne_out_by(&shown, again(&walk).as_ref()));
         // In a false minimum, which the numbers of the pieces lead out of.
         let mut astray = found.point.clone();
         astray.parameters[0] += 0.3;
         walk.found.found = FittedModel::at(found.problem.clone(), astray, found.information.clone(), &[1e-4]).unwrap();
-        assert!(!walk.is_borne_out_by(&shown), "they are better");
+        assert!(!walk.is_borne_out_by(&shown, again(&walk).as_ref()), "they are better");
         walk.found.found = shown.found.clone();
         walk.found.added.clear();
-        assert!(!walk.is_borne_out_by(&shown), "another effect");
+        assert!(!walk.is_borne_out_by(&shown, again(&walk).as_ref()), "another effect");
     }
 }

@@ -14,6 +14,7 @@ use crate::diagnose::robustness::held_out::HeldOut;
 use crate::diagnose::screen::linearise::ltv_windows;
 use crate::diagnose::screen::scales::scales;
 use crate::diagnose::screen::score_test::ScoreTest;
+use crate::diagnose::search::exchange::in_its_place;
 use crate::diagnose::search::numerics::{stepped_from_given, to_its_end, with_likeliest_numerics, with_numerics};
 use crate::diagnose::search::stepwise::Selection;
 use crate::identify::base_fit::{anew, as_given, fitted, follows, lands_elsewhere};
@@ -26,6 +27,7 @@ use crate::identify::noise::Colour;
 use crate::identify::outliers::drop_spikes;
 use crate::identify::rollout::Pooled;
 use crate::model::rig::{Numerics, Rig};
+use nalgebra::DMatrix;
 use std::sync::Arc;
 
 /// What to say of numbers as given that no run survives.
@@ -162,6 +164,24 @@ impl Start {
     /// Each effect of `selection`, which was found in pieces of the windows, alone on the whole ones, from its numbers there.
     pub(super) fn each_on_whole_windows(&self, selection: &Selection) -> Vec<CandidateFit> {
         self.each_fitted(selection, |rig| anew(&self.base.problem, &rig, &self.context.floors))
+    }
+
+    /// The effects of `selection`, which was found in pieces of the windows, together on the whole ones, as `found` stands there, each with
+    /// its rivals in its place.
+    pub(super) fn together_on_whole_windows(&self, selection: Selection, found: FittedModel) -> Selection {
+        let (floors, given) = (&self.context.floors, self.context.given);
+        let carried = |trial: &CandidateFit, e: usize| {
+            let (problem, point) = found.extended(in_its_place(&found.rig, trial, e)?);
+            let n = point.parameters.len();
+            let hypothesis = FittedModel::at(problem, point, DMatrix::zeros(n, n), floors)?;
+            Some(CandidateFit { hypothesis, ..trial.clone() })
+        };
+        let one = |(i, added): (usize, SelectedEffect)| {
+            let others = added.others.iter().filter_map(|trial| carried(trial, given + i)).collect();
+            SelectedEffect { others, ..added }
+        };
+        let added = selection.added.into_iter().enumerate().map(one).collect();
+        Selection { base: self.base.clone(), found, added, last: Vec::new(), cut_short: false }
     }
 
     /// Each effect of `selection` alone, as `fit` fits the rig with it.
@@ -324,6 +344,14 @@ mod tests {
         assert_eq!(alone.len(), 2);
         let whole = start.each_on_whole_windows(&selection);
         assert_eq!(whole.len(), 2);
+        let bias = CandidateFit { gain: 80.0, ..whole[1].clone() };
+        let mut with_rival = selection.clone();
+        with_rival.added[0].others = vec![bias];
+        let together = start.together_on_whole_windows(with_rival, selection.found.clone());
+        assert_eq!((together.added.len(), &together.found.rig), (2, &selection.found.rig));
+        let [rival] = &together.added[0].others[..] else { panic!("its rival goes along") };
+        let kinds: Vec<&str> = rival.hypothesis.rig.effects.iter().map(|e| e.kind.id()).collect();
+        assert_eq!((kinds, rival.gain), (vec!["torque_offset", "torque_offset"], 80.0), "in the place of the drag");
         for trial in alone.iter().chain(&whole) {
             let [effect] = &trial.hypothesis.rig.effects[..] else { panic!("not alone") };
             assert_eq!(effect.kind.id(), trial.candidate.effect);
