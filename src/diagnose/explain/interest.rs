@@ -209,9 +209,26 @@ impl Kept {
             };
             let parts = (0..self.added.len()).filter_map(part);
             let small = parts.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, part, _)| !is_material(*part, least));
-            let Some((i, _, without)) = small else { return self.asked_again(count, base, context) };
+            let Some((i, _, without)) = small else {
+                return self.asked_again(count, base, context).with_shares(base, context);
+            };
             self.take_out(i, without, TOO_SMALL, context);
         }
+    }
+
+    /// What each of the effects removes, where others were taken out: of what all of them remove, by what each does as the last one.
+    fn with_shares(mut self, base: &FittedModel, context: &Context) -> Self {
+        if self.seen.is_empty() || self.added.is_empty() {
+            return self;
+        }
+        self.ask_without(base, context);
+        let part = |of: &Option<FittedModel>| of.as_ref().map_or(0.0, |of| explained_part(of, &self.found, context));
+        let parts: Vec<f64> = self.without.iter().map(part).collect();
+        let (whole, sum) = (explained_part(base, &self.found, context), parts.iter().sum::<f64>());
+        if sum > 0.0 {
+            self.added.iter_mut().zip(parts).for_each(|(added, part)| added.removed = whole * part / sum);
+        }
+        self
     }
 
     /// Puts a rival of effect `i` in its place that gains nearly as much and is determined, if there is one.
@@ -325,6 +342,24 @@ mod tests {
         let [seen] = &small.seen[..] else { panic!("{:?}", small.seen) };
         assert!((seen.share - share).abs() < 1e-12 && seen.effect == "quadratic_drag");
         assert!(seen.sentence.contains("too small to matter: drag at q1"), "{}", seen.sentence);
+    }
+
+    #[test]
+    fn what_stays_shares_what_all_of_it_removes_when_something_was_taken_out() {
+        let Shown { context, problem } = shown(&format!("{DRAG}0.004\n{OFFSET}0.05\n"));
+        let (base, found) =
+            (problem.fitted("", 20), problem.fitted(&[free(DRAG, 0.001, 0.1), free(OFFSET, 0.001, 1.0)].concat(), 20));
+        let added = ["quadratic_drag", "torque_offset"].map(|effect| problem.added(effect, "q1", 1000.0, Vec::new()));
+        let removed = |kept: Kept| kept.of_interest(0.01, &base, &context).added.iter().map(|a| a.removed).collect();
+        let all = Kept::all(found.clone(), added.to_vec());
+        let as_found: Vec<f64> = removed(all.clone());
+        assert_eq!(as_found, [0.5, 0.5], "nothing was taken out");
+        let (effect, at, sentence) = (String::new(), String::new(), String::new());
+        let seen = vec![Seen { effect, at, share: 0.6, parameters: BTreeMap::new(), sentence }];
+        let shares: Vec<f64> = removed(all.after(seen));
+        let whole = explained_part(&base, &found, &context);
+        assert!((shares.iter().sum::<f64>() / whole - 1.0).abs() < 1e-9, "{shares:?} {whole}");
+        assert!(shares[1] > shares[0] && shares[0] > 0.0, "the offset is the larger force: {shares:?}");
     }
 
     /// A lag of 20 ms, for which an offset of nothing was taken.

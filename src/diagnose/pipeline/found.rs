@@ -12,6 +12,7 @@ use crate::diagnose::input_checks::{at_bounds, suspicions};
 use crate::diagnose::judge::confirmation::is_contradicted;
 use crate::diagnose::judge::criterion::{Context, explained_part, explains_most};
 use crate::diagnose::judge::estimates::undetermined_combinations;
+use crate::diagnose::judge::numbers::GREATER_PART;
 use crate::diagnose::judge::rejected::rejected;
 use crate::diagnose::judge::verdict::{
     Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, may_have_missed, verdict_of,
@@ -33,6 +34,7 @@ const CUT_SHORT: &str = "the search for further effects ended at its limit of wo
                          shorter or fewer recordings let it go on";
 
 /// What the stages found.
+#[derive(Clone)]
 pub(super) struct Found {
     pub(super) base: FittedModel,
     pub(super) found: FittedModel,
@@ -47,9 +49,11 @@ impl Found {
         self.rest.is_some()
     }
 
-    /// True if effects were found that remove the greater part of the misfit.
+    /// True if effects were found that remove the greater part of the misfit, and none that did was taken out again: what stays was sought
+    /// beside that.
     pub(super) fn explains(&self, context: &Context) -> bool {
-        !self.added.is_empty() && explains_most(&self.base, &self.found, context)
+        let is_astray = self.seen.iter().any(|seen| seen.share > GREATER_PART);
+        !self.added.is_empty() && !is_astray && explains_most(&self.base, &self.found, context)
     }
 
     /// True if effects were found that leave nothing without a name, which recordings kept back do not contradict, and with which the
