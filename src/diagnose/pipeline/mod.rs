@@ -13,6 +13,7 @@ use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
 use crate::diagnose::judge::verdict::Findings;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::search::stepwise::{Selection, forward, forward_on};
 use crate::identify::base_fit::anew;
 use crate::identify::experiment::Experiment;
@@ -67,7 +68,12 @@ pub fn diagnose(
     let is_explained = walk.found.explains(&walk.start.context);
     let closer = if walk.found.holds(&walk.start) { Vec::new() } else { first.closer(experiment, is_explained) };
     if let Some((start, stood)) = from_pieces(experiment, (first, &walk), &closer, &mut said) {
-        walk = on_whole_windows(experiment, start, stood, (options, &mut said));
+        let again = on_whole_windows(experiment, start, stood, (options, &mut said));
+        if walk.predicts_better_than(&again) {
+            said("without pieces recordings kept back are predicted better");
+        } else {
+            walk = again;
+        }
     }
     let OnWholeWindows { start, found, last, cut_short } = walk;
     let (clean, left_out) = cleaned(experiment, &found.explained().rig);
@@ -82,6 +88,7 @@ pub fn diagnose(
 }
 
 /// A search on the windows of the rig, and what of it stands.
+#[derive(Clone)]
 struct OnWholeWindows {
     start: Start,
     found: Found,
@@ -99,6 +106,14 @@ impl OnWholeWindows {
             && shown.added.iter().all(is_found)
             && shown.found.rig.numerics == self.found.found.rig.numerics;
         is_same && !again.is_some_and(|again| self.is_behind(again))
+    }
+
+    /// True if the answer predicts recordings kept back clearly better than `other` does.
+    fn predicts_better_than(&self, other: &Self) -> bool {
+        let context = &self.start.context;
+        let (held_out, floors) = (context.held_out.as_deref(), &context.floors);
+        let told = Confirmation::on_kept_back(self.found.explained(), other.found.explained(), held_out, floors);
+        told.is_some_and(|told| told.gained > detection_threshold(context, 0))
     }
 
     /// True if `again` is clearly better than what was found.
@@ -218,6 +233,7 @@ mod tests {
     use crate::diagnose::judge::verdict::Seen;
     use crate::identify::experiment::Recording;
     use crate::identify::synthesis::record;
+    use crate::model::rig::Use;
     use std::collections::BTreeMap;
 
     const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = { value = 0.011, min = 0.005, max = 0.02 }\n\
@@ -256,5 +272,37 @@ mod tests {
         walk.found.found = shown.found.clone();
         walk.found.added.clear();
         assert!(!walk.is_borne_out_by(&shown, again(&walk).as_ref()), "another effect");
+    }
+
+    #[test]
+    fn of_two_walks_the_one_stands_that_predicts_recordings_kept_back_better() {
+        let times: Vec<f64> = (0..400).map(|k| f64::from(k) * 0.01).collect();
+        let truth = RIG.replace("value = 0.011", "value = 0.01")
+            + "[[effect]]\neffect = \"torque_offset\"\nat = \"q1\"\ntorque = 0.05\n";
+        let recorded = |name: &str, usage: Use, rate: f64, seed: u64| {
+            let inputs = vec![times.iter().map(|t| libm::sin(rate * t)).collect()];
+            let blank =
+                Recording { window_s: Some(2.0), usage, ..Recording::new(name, times.clone(), inputs, Vec::new()) };
+            let measured =
+                record(&Rig::parse(&truth, "truth").unwrap(), &blank, &[0.3, 0.0], Some(seed)).unwrap().measured;
+            Recording { measured, ..blank }
+        };
+        let walk_of = |recordings: Vec<Recording>| {
+            let experiment = Experiment { rig: Rig::parse(RIG, "rig.toml").unwrap(), recordings };
+            let start = Start::of(&experiment, 0, &mut |_| {}).unwrap();
+            on_whole_windows(&experiment, start, Stood::default(), (Options::default(), &mut |_| {}))
+        };
+        let (fitted, kept_back) = (recorded("a.csv", Use::Fit, 7.0, 1), recorded("b.csv", Use::Heldout, 9.0, 2));
+        let walk = |recordings| {
+            let right = walk_of(recordings);
+            let mut nothing = right.clone();
+            nothing.found.added.clear();
+            (right, nothing)
+        };
+        let (right, nothing) = walk(vec![fitted.clone(), kept_back]);
+        assert!(right.predicts_better_than(&nothing) && !nothing.predicts_better_than(&right));
+        assert!(!right.predicts_better_than(&right), "as well");
+        let (right, nothing) = walk(vec![fitted]);
+        assert!(!right.predicts_better_than(&nothing), "nothing was kept back");
     }
 }
