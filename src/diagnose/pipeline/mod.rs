@@ -108,12 +108,12 @@ impl OnWholeWindows {
         is_same && !again.is_some_and(|again| self.is_behind(again))
     }
 
-    /// True if the answer predicts recordings kept back clearly better than `other` does.
+    /// True if recordings kept back speak for this answer against that of `other`.
     fn predicts_better_than(&self, other: &Self) -> bool {
         let context = &self.start.context;
         let (held_out, floors) = (context.held_out.as_deref(), &context.floors);
         let told = Confirmation::on_kept_back(self.found.explained(), other.found.explained(), held_out, floors);
-        told.is_some_and(|told| told.gained > detection_threshold(context, 0))
+        told.is_some_and(|told| told.bears_out(context))
     }
 
     /// True if `again` is clearly better than what was found.
