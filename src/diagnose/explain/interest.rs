@@ -424,10 +424,9 @@ mod tests {
         let found = problem.fitted(&[free(DELAY, 0.002, 0.2), free(OFFSET, 0.001, 0.1)].concat(), 20);
         let gain = compare(&alone, &base, &context).total;
         assert!(gain < detection_threshold(&context, 1), "{gain}");
-        let added = ["sensor_delay", "torque_offset"];
-        let places = ["y", "q1"];
-        let added = added.iter().zip(places).map(|(effect, at)| problem.added(effect, at, 1000.0, Vec::new()));
-        let kept = Kept::all(found, added.collect()).without_refuted(&base, &context);
+        let added = [("sensor_delay", "y"), ("torque_offset", "q1")]
+            .map(|(effect, at)| problem.added(effect, at, 1000.0, Vec::new()));
+        let kept = Kept::all(found, added.to_vec()).without_refuted(&base, &context);
         assert_eq!(kept.added.iter().map(|a| a.candidate.effect).collect::<Vec<_>>(), ["torque_offset"]);
         let [seen] = &kept.seen[..] else { panic!("{:?}", kept.seen) };
         assert!(seen.effect == "sensor_delay" && seen.sentence.contains("known to a row"), "{}", seen.sentence);

@@ -58,6 +58,9 @@ pub fn with_effect(rig: &Rig, candidate: &Candidate, values: &[f64]) -> Rig {
 /// Of a fit that goes on from another with an effect less, or with another one in its place.
 pub const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
+/// To the end of a fit whose first steps were made among many.
+pub const TO_THE_END: Limits = Limits { iterations: 25, tolerance: 1e-5 };
+
 /// `found` without its effect number `e`, everything else fitted again.
 #[must_use]
 pub fn refit_without(found: &FittedModel, e: usize, floors: &[f64]) -> Option<FittedModel> {

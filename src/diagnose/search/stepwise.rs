@@ -10,7 +10,7 @@ use crate::diagnose::judge::exchange::only_freed_the_fit;
 use crate::diagnose::judge::flexibility::{has_unresolved_order, is_local_here, is_overly_flexible};
 use crate::diagnose::judge::numbers::{GREATER_PART, LOCAL_TERMS};
 use crate::diagnose::judge::simplicity::order_by_penalised_gain;
-use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, refit_without};
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect, TO_THE_END, refit_without};
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::robustness::cross_validation::CrossValidation;
 use crate::diagnose::search::basin_hopping::escape_local_minimum;
@@ -21,7 +21,6 @@ use crate::diagnose::search::law_exchange::exchange_laws;
 use crate::diagnose::search::round::{Asked, Start, merged, promises_little, round, tell};
 use crate::diagnose::search::runners_up::{LEADS, runners_up};
 use crate::identify::base_fit::anew;
-use crate::identify::fit::Limits;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::is_misfit;
 use crate::model::rig::Rig;
@@ -117,9 +116,6 @@ fn out_of_local_minimum(
     trial.hypothesis = other;
     trial
 }
-
-/// Steps to the end of a fit whose first steps were made among many.
-pub(super) const TO_THE_END: Limits = Limits { iterations: 25, tolerance: 1e-5 };
 
 /// `trial` of a round on top of `now` fitted on until it stands; `None` if it is none then: a number at its bound was cut off, not
 /// found.
