@@ -364,6 +364,9 @@ def write_case(rng, folder, truth, name, engines, ill):
         twins = [{"effect": effect, "at": at}]
         if effect == "torque_offset":
             twins.append({"effect": "friction_asymmetry", "at": at})
+        # The contract's other twins (docs/contract.md, section 3): with one sensor nothing tells a late command from a late reading.
+        if effect == "transport_delay" and len(joints) == 1 and not has_rate:
+            twins.append({"effect": "sensor_delay", "at": f"{joints[0]}_pos"})
         effects = [{"effect": effect, "at": at, "one_of": twins, "parameters": keys}]
     note = f"{kind}, {simulator.note}, {form} noise, row {step_s} s"
     text = rig(rng, name, kind, numbers, friction, joints, has_rate, quantum, ill)
