@@ -10,12 +10,13 @@ use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, e
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::judge::numbers::{GREATER_PART, TOUCHDOWN_S};
 use crate::diagnose::judge::verdict::{Member, Seen, is_material};
-use crate::diagnose::library::candidate_fit::{CandidateFit, REFIT, SelectedEffect, refit_without};
+use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::nameless::residual_force::Unlisted;
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::diagnose::robustness::instants::gain_beside_instants;
 use crate::diagnose::search::basin_hopping::led_out;
+use crate::diagnose::search::budget::{refit_without, refitted};
 use crate::diagnose::search::kept_back_exchange::exchange_by_kept_back;
 use crate::diagnose::sentence;
 use crate::identify::fitted_model::FittedModel;
@@ -177,18 +178,13 @@ impl Kept {
             let (candidate, without) = (&self.added[effect].candidate, self.without[effect].clone()?);
             let numbers = candidate.keys.len();
             let gain = compare(&self.found, &without, context).total;
-            let told = Confirmation::of_candidate(
-                candidate,
-                &self.found,
-                &without,
-                context.held_out.as_deref(),
-                &context.floors,
-            );
+            let (held_out, floors) = (context.held_out.as_deref(), &context.floors);
+            let only = candidate.only.as_deref();
+            let told = Confirmation::of_candidate(candidate, &self.found, &without, held_out, floors);
             if let Some(told) = told.filter(|told| told.refutes(numbers, context)) {
                 return Some(Refuted { effect, gained: told.gained, without, why: REFUTED });
             }
             let least = detection_threshold(context, numbers);
-            let only = candidate.only.as_deref();
             let beside = gain_beside_instants(&without, &self.found, (gain, least), only, TOUCHDOWN_S);
             let why = if gain > least { WITHIN_ITS_ROW } else { CHANCE };
             let is_none = beside <= least && !(is_hidden && why == CHANCE);
@@ -279,8 +275,8 @@ impl Kept {
         rig.effects.remove(context.given + i);
         let (problem, start) = base.extended(rig);
         let noise = white(&base.residuals, &context.floors);
-        let first = FittedModel::fitted(problem, start, &noise, &context.floors, REFIT)?;
-        first.polished(&self.found.noise, &context.floors, REFIT)
+        let first = refitted(&self.found, (problem, start), &noise, &context.floors)?;
+        refitted(&self.found, (first.problem, first.point), &self.found.noise, &context.floors)
     }
 
     /// Goes on `without` effect `i`, led out of the false minimum in which an effect that stays would gain nothing.

@@ -60,12 +60,3 @@ pub const REFIT: Limits = Limits { iterations: 10, tolerance: 1e-5 };
 
 /// To the end of a fit whose first steps were made among many.
 pub const TO_THE_END: Limits = Limits { iterations: 25, tolerance: 1e-5 };
-
-/// `found` without its effect number `e`, everything else fitted again.
-#[must_use]
-pub fn refit_without(found: &FittedModel, e: usize, floors: &[f64]) -> Option<FittedModel> {
-    let mut rig = found.rig.clone();
-    rig.effects.remove(e);
-    let (problem, point) = found.extended(rig);
-    FittedModel::fitted(problem, point, &found.noise, floors, REFIT)
-}

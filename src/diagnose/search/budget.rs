@@ -4,6 +4,7 @@
 
 use crate::diagnose::judge::accept::has_slack_spring;
 use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::library::candidate_fit::REFIT;
 use crate::identify::fit::{Limits, Point, fit};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::noise::Colour;
@@ -52,6 +53,38 @@ pub(in crate::diagnose) fn is_spent(of: &FittedModel) -> bool {
     of.problem.effort.spent() > ALL_EFFORT
 }
 
+/// `problem` fitted from `start` at the price of `most`, or as far as that leads. `None` if the runs leave the finite numbers.
+fn fitted_within(
+    most: u64,
+    problem: Problem,
+    start: Point,
+    (noise, limits): (&[Colour], Limits),
+    floors: &[f64],
+) -> Option<FittedModel> {
+    let fit = problem.at_most(most, |limited| fit(limited, start, &problem.bounds(), noise, limits));
+    fit.cost.is_finite().then(|| FittedModel::at(problem, fit.point, fit.information, floors))?
+}
+
+/// `problem`, which has an effect less than `found`, fitted from `start`. A play chatters without the friction that was taken out.
+#[must_use]
+pub(in crate::diagnose) fn refitted(
+    found: &FittedModel,
+    (problem, start): (Problem, Point),
+    noise: &[Colour],
+    floors: &[f64],
+) -> Option<FittedModel> {
+    let most = LINEARISATIONS * found.cost_of_linearisation();
+    fitted_within(most, problem, start, (noise, REFIT), floors)
+}
+
+/// `found` without its effect number `e`, everything else fitted again.
+#[must_use]
+pub(in crate::diagnose) fn refit_without(found: &FittedModel, e: usize, floors: &[f64]) -> Option<FittedModel> {
+    let mut rig = found.rig.clone();
+    rig.effects.remove(e);
+    refitted(found, found.extended(rig), &found.noise, floors)
+}
+
 /// A fit that may cost `most`; what it costs is counted by `base`.
 #[must_use]
 pub(in crate::diagnose) fn within(
@@ -63,9 +96,7 @@ pub(in crate::diagnose) fn within(
     context: &Context,
 ) -> Option<FittedModel> {
     let problem = Problem { effort: Arc::clone(&base.problem.effort), ..problem };
-    let fit = problem.at_most(most, |limited| fit(limited, point, &problem.bounds(), noise, limits));
-    let hypothesis =
-        fit.cost.is_finite().then(|| FittedModel::at(problem, fit.point, fit.information, &context.floors))?;
+    let hypothesis = fitted_within(most, problem, point, (noise, limits), &context.floors);
     hypothesis.filter(|h| !has_slack_spring(&h.rig, context.given, h.problem.longest_s()))
 }
 
