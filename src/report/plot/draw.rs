@@ -124,12 +124,10 @@ fn legend(out: &mut String, plot: &Plot, right: f64, y: f64) {
     }
     let mut x = right;
     for (name, tone, is_line) in entries.into_iter().rev() {
-        put(
-            out,
-            format_args!("<text class=\"strong\" x=\"{x:.0}\" y=\"{y}\" text-anchor=\"end\">{}</text>", escape(name)),
-        );
-        // Width of a letter of the 12 px sans, rounded up (DejaVu, the widest of the list): 7.3 px.
-        let end = x - 7.3 * name.chars().count() as f64 - 6.0;
+        // Width of a letter of the 12 px sans, rounded up (DejaVu, the widest of the list): 7.3 px. The name begins beside its sample.
+        let name_starts = x - 7.3 * name.chars().count() as f64;
+        put(out, format_args!("<text class=\"strong\" x=\"{name_starts:.0}\" y=\"{y}\">{}</text>", escape(name)));
+        let end = name_starts - 6.0;
         let (start, middle) = (end - 24.0, y - 4.0);
         if is_line {
             put(out, format_args!("<path class=\"line {}\" d=\"M{start:.0} {middle}H{end:.0}\"/>", tone.class()));
