@@ -2,10 +2,11 @@
 //!
 //! An effect that explains less than a few times this explains the integrator. RT: no.
 
-use crate::identify::fit::{FreeRuns, Point};
+use crate::identify::fit::{FreeRuns, Point, Series};
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
 use crate::identify::rollout::Fidelity;
+use rayon::prelude::*;
 
 /// Steps of the comparison are this many times shorter. The error of RK4 falls by 256, that of a badly stepped kink by 4.
 const FINER: u32 = 4;
@@ -18,18 +19,23 @@ const NEGLIGIBLE: f64 = 0.3;
 pub fn numerical_floor(problem: &Problem, at: &Point) -> Option<Vec<f64>> {
     let fidelity = Fidelity { refine: problem.fidelity.refine * FINER };
     let finer = Problem { fidelity, ..problem.clone() };
-    let mut sums = vec![(0.0, 0.0); problem.rig.sensors.len()];
-    for (window, state) in at.states.iter().enumerate() {
+    // Squares and samples of each channel of a window.
+    let one = |(window, state): (usize, &Vec<f64>)| {
         let coarse = problem.run(window, &at.parameters, state, false)?;
         let fine = finer.run(window, &at.parameters, state, false)?;
-        for (sum, (a, b)) in sums.iter_mut().zip(coarse.iter().zip(&fine)) {
-            for (a, b) in a.residual.iter().zip(&b.residual).filter(|(a, _)| a.is_finite()) {
-                sum.0 += (a - b) * (a - b);
-                sum.1 += 1.0;
-            }
-        }
-    }
-    Some(sums.iter().map(|(squares, count)| if *count > 0.0 { libm::sqrt(squares / count) } else { 0.0 }).collect())
+        let squares = |(coarse, fine): (&Series, &Series)| {
+            let present = coarse.residual.iter().zip(&fine.residual).filter(|(a, _)| a.is_finite());
+            present.fold((0.0, 0), |(sum, count), (a, b)| (sum + (a - b) * (a - b), count + 1))
+        };
+        Some(coarse.iter().zip(&fine).map(squares).collect())
+    };
+    let windows: Vec<Vec<(f64, usize)>> = at.states.par_iter().enumerate().map(one).collect::<Option<_>>()?;
+    let channel = |c: usize| {
+        let of = windows.iter().map(|window| window[c]);
+        let (sum, count) = of.fold((0.0, 0), |(sum, count), (more, samples)| (sum + more, count + samples));
+        if count > 0 { libm::sqrt(sum / count as f64) } else { 0.0 }
+    };
+    Some((0..problem.rig.sensors.len()).map(channel).collect())
 }
 
 /// A sentence per channel whose numerical floor is not negligible beside its noise.

@@ -389,12 +389,16 @@ impl<'s> Search<'s> {
     }
 
     /// The first of the best candidates of the round that is accepted, and still admissible when it is fitted to the end; one that
-    /// then runs to its bound leaves the round. `left_out`: made when needed.
+    /// then runs to its bound leaves the round. Nothing more is asked once all work is spent. `left_out`: made when needed.
     fn accepted(&mut self, left_out: &OnceCell<Option<CrossValidation>>, said: &mut dyn FnMut(&str)) -> Option<usize> {
         let mut asked = self.in_question();
         let most = asked.first().map_or(0.0, |i| self.all.last[*i].gain);
         let mut place = 0;
         while let Some(&i) = asked.get(place) {
+            if is_spent(&self.all.found) {
+                self.all.cut_short = true;
+                break;
+            }
             place += 1;
             if !self.is_asked(&asked[..place], most) || !self.is_believed(i, left_out, said) {
                 continue;
