@@ -181,14 +181,8 @@ impl Kept {
             let (held_out, floors) = (context.held_out.as_deref(), &context.floors);
             let only = candidate.only.as_deref();
             let told = Confirmation::of_candidate(candidate, &self.found, &without, held_out, floors);
-            let alone = || Confirmation::of_effect_alone(&self.found.rig, context.given + effect, held_out, floors);
-            let refuted = told.filter(|told| told.refutes(numbers, context)).or_else(|| {
-                // An event is not in the recordings that were kept back.
-                let alone = only.is_none().then(alone).flatten();
-                alone.filter(|alone| alone.is_better_without(numbers, context))
-            });
-            if let Some(Confirmation { gained, .. }) = refuted {
-                return Some(Refuted { effect, gained, without, why: REFUTED });
+            if let Some(told) = told.filter(|told| told.refutes(numbers, context)) {
+                return Some(Refuted { effect, gained: told.gained, without, why: REFUTED });
             }
             let least = detection_threshold(context, numbers);
             let beside = gain_beside_instants(&without, &self.found, (gain, least), only, TOUCHDOWN_S);

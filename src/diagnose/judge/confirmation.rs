@@ -21,13 +21,6 @@ impl Confirmation {
         is_kept(self.promised, self.gained) && is_removed_where_it_acts(self.left)
     }
 
-    /// True if it speaks against an effect of so many numbers by itself ([`Confirmation::of_effect_alone`]): taken out of the model,
-    /// it leaves smaller errors, so it is not half as large as it was fitted, if it is there at all.
-    #[must_use]
-    pub fn is_better_without(&self, numbers: usize, context: &Context) -> bool {
-        self.promised > detection_threshold(context, numbers) && self.gained < 0.0
-    }
-
     /// True if it speaks against an effect of so many numbers.
     #[must_use]
     pub fn refutes(&self, numbers: usize, context: &Context) -> bool {
@@ -75,8 +68,7 @@ mod tests {
     use crate::diagnose::library::worked::{FLOORS, hiding};
     use crate::diagnose::robustness::held_out::HeldOut;
     use crate::identify::experiment::{Experiment, Recording};
-    use crate::model::effect::EffectKind;
-    use crate::model::rig::{Effect, Use, Value};
+    use crate::model::rig::Use;
     use std::sync::Arc;
 
     #[test]
@@ -110,23 +102,6 @@ mod tests {
     }
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = 0.004\n";
-
-    #[test]
-    fn an_effect_by_itself_is_refuted_if_it_is_not_half_as_large_as_it_was_fitted() {
-        let told = |hidden: &str| {
-            let Shown { context, problem } = shown(hidden);
-            // The machine as it is, and a drag of .004: no other number makes up for it.
-            let FittedModel { mut rig, problem, .. } = problem.fitted("", 20);
-            let known = |kind: EffectKind, value: f64| Effect::new(kind, "q1", vec![Value::known(value)]);
-            rig.effects = vec![known(EffectKind::ViscousFriction, 0.02), known(EffectKind::QuadraticDrag, 0.004)];
-            let kept_back = Recording { usage: Use::Heldout, ..problem.recordings[0].clone() };
-            let held_out = HeldOut::of(&Experiment { rig: rig.clone(), recordings: vec![kept_back] }, &rig);
-            Confirmation::of_effect_alone(&rig, 1, held_out.as_ref(), &FLOORS).unwrap().is_better_without(1, &context)
-        };
-        let so_large = |part: f64| DRAG.replace("0.004", &format!("{}", 0.004 * part));
-        assert!(told("") && told(&so_large(0.3)));
-        assert!(!told(&so_large(0.7)) && !told(DRAG) && !told(&so_large(2.0)));
-    }
 
     #[test]
     fn a_model_is_contradicted_where_it_predicts_much_worse_than_it_was_fitted() {

@@ -208,16 +208,6 @@ impl Confirmation {
         Some(Self::of(&residuals(with)?, &residuals(without)?, floors))
     }
 
-    /// Of effect `e` of `with` by itself, all other numbers as they are: a model that was fitted without it has other numbers
-    /// too, and these may be what makes the difference. `None` as above.
-    #[must_use]
-    pub fn of_effect_alone(with: &Rig, e: usize, held_out: Option<&HeldOut>, floors: &[f64]) -> Option<Self> {
-        let mut without = with.clone();
-        without.effects.remove(e);
-        let residuals = |of: &Rig| held_out?.residuals(of);
-        Some(Self::of(&residuals(with)?, &residuals(&without)?, floors))
-    }
-
     /// Of an event, in the recording in which it happened. `noise`: where nothing happens.
     #[must_use]
     pub fn of_event(with: &Residuals, without: &Residuals, noise: &[Colour], floors: &[f64]) -> Self {
