@@ -65,6 +65,7 @@ impl<S: Scalar> Machine<S> {
         };
         machine.check_ground()?;
         machine.add_rotors_of(setting, lift);
+        machine.check_rotors(setting)?;
         machine.add_structures(setting, lift);
         if machine.plant.n > MAX {
             return Err(MachineError::Unsupported(format!(
@@ -116,6 +117,21 @@ impl<S: Scalar> Machine<S> {
             self.plant.plays.push(if rigid && spring.is_none() { Play::Rigid } else { Play::Free });
             self.plant.n += 1;
         }
+    }
+
+    /// A rotor that is as heavy as rotor and link together leaves the link nothing to accelerate: such a link runs backwards.
+    fn check_rotors(&self, setting: &Setting) -> Result<(), MachineError> {
+        let (Body::Pendulum(_) | Body::Slider(_)) = &self.plant.body else { return Ok(()) };
+        for rotor in &self.plant.rotors {
+            let (own, whole) = (rotor.inertia.value(), self.plant.body.link_inertia(rotor.joint).value());
+            if own >= whole {
+                let at = setting.mechanism.coordinates()[rotor.joint];
+                return Err(MachineError::Unsupported(format!(
+                    "rotor_inertia at {at} is {own:.4e}, rotor and link together have {whole:.4e}: no such link exists"
+                )));
+            }
+        }
+        Ok(())
     }
 
     fn add_structures(&mut self, setting: &Setting, lift: Lift<'_, S>) {

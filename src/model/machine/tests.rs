@@ -143,6 +143,21 @@ fn two_masses_on_a_spring_ring_at_their_resonance() {
 }
 
 #[test]
+fn a_rotor_as_heavy_as_rotor_and_link_leaves_no_link() {
+    let built = |kind: &str, keys: &str, rotor: f64| {
+        let rig = rig(PENDULUM, &effect(kind, "q1", &format!("{keys}rotor_inertia = {rotor}")));
+        Machine::<f64>::new(&Setting::of(&rig, None, None), &|n: &Number| n.value, 1)
+    };
+    for (kind, keys) in [("joint_elasticity", "stiffness = 40.0\ndamping = 0.0\n"), ("backlash", "gap = 0.01\n")] {
+        assert!(built(kind, keys, 0.049).is_ok());
+        for rotor in [0.05, 0.06] {
+            let error = built(kind, keys, rotor).unwrap_err().to_string();
+            assert!(error.contains("rotor_inertia at q1") && error.contains("5.0000e-2"), "{error}");
+        }
+    }
+}
+
+#[test]
 fn delayed_command_acts_after_its_delay_to_the_instant() {
     let mut m = machine(&rig(SLIDER, &effect("transport_delay", "u", "delay = 0.0137")), None);
     m.reset(0.0, &[0.0, 0.0]);

@@ -102,6 +102,20 @@ fn all_errors_are_told_at_once() {
 }
 
 #[test]
+fn a_rotor_weighs_less_than_rotor_and_link_together() {
+    let read = |rotor: f64| {
+        let text = format!(
+            "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = 0.01\ngravity_nm = 0.4\n\
+             [[effect]]\neffect = \"backlash\"\nat = \"q1\"\ngap = 0.01\nrotor_inertia = {rotor}\n"
+        );
+        Rig::parse(&text, "rig.toml").map_err(|e| e.to_string())
+    };
+    let told = "rig.toml:7: `rotor_inertia`: 0.01 must be below inertia_kg_m2 = 0.01, which is rotor and link together";
+    assert_eq!(read(0.01).unwrap_err(), told);
+    assert!(read(0.009).is_ok());
+}
+
+#[test]
 fn broken_toml_tells_its_line() {
     let errors = Rig::parse("schema = 1\nname = = 3\nmechanism", "rig.toml").unwrap_err();
     assert_eq!(errors.0[0].line, 2);

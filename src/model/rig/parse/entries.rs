@@ -41,7 +41,22 @@ impl Reader<'_> {
         let keys: Vec<&str> = kind.keys().iter().map(|key| key.name).collect();
         self.finish(fields, &format!("effect, at, {}, side (friction), setup, recordings", keys.join(", ")));
         let values = values.into_iter().collect::<Option<Vec<Value>>>()?;
-        Some(Effect { kind, at: at?.0, values, side, setup, recordings })
+        let effect = Effect { kind, at: at?.0, values, side, setup, recordings };
+        self.lighter_than_the_whole(rig, &effect, &id_span);
+        Some(effect)
+    }
+
+    /// A rotor is a part of the inertia of a pendulum or slider.
+    fn lighter_than_the_whole(&mut self, rig: &Rig, effect: &Effect, span: &Range<usize>) {
+        let is_part = matches!(rig.mechanism, MechanismKind::Pendulum | MechanismKind::Slider);
+        let (Some(rotor), Some(whole), true) = (effect.get("rotor_inertia"), rig.parameters.first(), is_part) else {
+            return;
+        };
+        if rotor.value >= whole.value {
+            let (name, whole) = (rig.mechanism.parameters()[0].name, whole.value);
+            let text = format!("{} must be below {name} = {whole}, which is rotor and link together", rotor.value);
+            self.complain(span, "rotor_inertia", text);
+        }
     }
 
     fn place(&mut self, rig: &Rig, kind: EffectKind, at: &str, span: &Range<usize>) {
