@@ -145,7 +145,9 @@ fn two_masses_on_a_spring_ring_at_their_resonance() {
 #[test]
 fn a_rotor_as_heavy_as_rotor_and_link_leaves_no_link() {
     let built = |kind: &str, keys: &str, rotor: f64| {
-        let rig = rig(PENDULUM, &effect(kind, "q1", &format!("{keys}rotor_inertia = {rotor}")));
+        let mut rig = rig(PENDULUM, &effect(kind, "q1", &format!("{keys}rotor_inertia = 0.01")));
+        // As a fit may come to it: a file with such numbers is not read.
+        rig.effects[0].values.last_mut().unwrap().value = rotor;
         Machine::<f64>::new(&Setting::of(&rig, None, None), &|n: &Number| n.value, 1)
     };
     for (kind, keys) in [("joint_elasticity", "stiffness = 40.0\ndamping = 0.0\n"), ("backlash", "gap = 0.01\n")] {
