@@ -55,7 +55,7 @@
 //! | which of two? | 10 ahead, and k ln N for the k numbers that it has more; the simpler one with .95 of the gain; of those that fit as well the one that recordings kept back bear out | [`judge::exchange`], [`judge::simplicity`], [`kept_back_exchange`] |
 //! | what stands beside it? | within two deviations, or within the error of form: 2 and 15 % as above, at most 60 | [`judge::credible_set`] |
 //! | nothing of the library? | a free force .25 ahead of all that was listed, that predicts recordings kept back better than what was listed; over time, only where these do not bear out what was listed | [`judge::nameless`], [`residual_force`] |
-//! | or is it only late? | the same gain beside angles, rates, and forces that go with rates, that are all off by up to half a row, and touchdowns that take up to 10 ms | [`judge::accept`], [`instants`], [`touchdowns`] |
+//! | or is it only late? | the same gain beside angles, rates, and forces that go with rates, that are all off by up to an eighth of a row, and touchdowns that take up to 10 ms | [`judge::accept`], [`instants`], [`touchdowns`] |
 //! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back; an event in its own, cut into windows that show it, where it leaves at most .25 of the squares above noise; a force without a name whatever it promises | [`judge::confirmation`], [`held_out`] |
 //! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
 //!

@@ -50,10 +50,10 @@ const REACHES_NOTHING: &str = "its 95 % interval reaches nothing";
 const AT_ITS_EDGE: &str = "a number of it ran to the edge of its range";
 const REFUTED: &str = "recordings that were not fitted speak against it";
 const CHANCE: &str = "beside the others it gains no more than chance";
-const WITHIN_ITS_ROW: &str = "commands, readings and forces that go with rates are known to a row, touchdowns to some milliseconds, and that explains it";
+const WITHIN_ITS_ROW: &str = "commands, readings and forces that go with rates are known to an eighth of a row, touchdowns to some milliseconds, and that explains it";
 
 /// Where nothing was added: the first of the last round, if it gains what would be worth it and instants within their rows explain all
-/// of that (a drive's lag of a quarter of a row).
+/// of that (a drive's lag of a tenth of a row).
 #[must_use]
 pub fn within_its_row(base: &FittedModel, last: &[CandidateFit], context: &Context) -> Option<Seen> {
     let CandidateFit { candidate, hypothesis, gain } = last.first()?;
@@ -412,34 +412,46 @@ mod tests {
         assert_eq!(asked_elsewhere(&format!("{DRAG}0.004\n")).added.len(), 1);
     }
 
-    /// An offset, and readings that are late by less than half a row: beside that misfit the offset alone gains no more than chance.
+    /// An offset, and readings that are late: beside that misfit the offset alone gains no more than chance, and what a delay that went
+    /// for its row hides is not asked for chance.
     #[test]
-    fn what_was_found_beside_a_delay_within_its_row_stays_when_that_goes() {
+    fn what_a_delay_within_its_row_hides_is_not_asked_for_chance() {
         let Shown { context, problem } = shown(&format!("{DELAY}0.004\n{OFFSET}0.001\n"));
         let (base, alone) = (problem.fitted("", 20), problem.fitted(&free(OFFSET, 0.001, 0.1), 20));
-        let found = problem.fitted(&[free(DELAY, 0.002, 0.2), free(OFFSET, 0.001, 0.1)].concat(), 20);
         let gain = compare(&alone, &base, &context).total;
-        assert!(gain < detection_threshold(&context, 1), "{gain}");
+        assert!(gain > 0.0 && gain < detection_threshold(&context, 1), "{gain}");
+        let refuted = |is_hidden: bool| {
+            let added = vec![problem.added("torque_offset", "q1", 1000.0, Vec::new())];
+            Kept::all(alone.clone(), added).worst_refuted(is_hidden, &base, &context).map(|refuted| refuted.why)
+        };
+        assert_eq!((refuted(false), refuted(true)), (Some(CHANCE), None));
+    }
+
+    #[test]
+    fn a_delay_within_its_row_goes_and_what_stands_beside_it_stays() {
+        let Shown { context, problem } = shown(&format!("{DELAY}0.001\n{OFFSET}0.001\n"));
+        let base = problem.fitted("", 20);
+        let found = problem.fitted(&[free(DELAY, 0.0005, 0.2), free(OFFSET, 0.001, 0.1)].concat(), 20);
         let added = [("sensor_delay", "y"), ("torque_offset", "q1")]
             .map(|(effect, at)| problem.added(effect, at, 1000.0, Vec::new()));
         let kept = Kept::all(found, added.to_vec()).without_refuted(&base, &context);
         assert_eq!(kept.added.iter().map(|a| a.candidate.effect).collect::<Vec<_>>(), ["torque_offset"]);
         let [seen] = &kept.seen[..] else { panic!("{:?}", kept.seen) };
-        assert!(seen.effect == "sensor_delay" && seen.sentence.contains("known to a row"), "{}", seen.sentence);
+        assert!(seen.effect == "sensor_delay" && seen.sentence.contains("of a row"), "{}", seen.sentence);
     }
 
     #[test]
-    fn a_delay_within_half_a_row_is_seen_where_nothing_was_added_and_a_longer_one_is_no_matter_of_instants() {
+    fn a_delay_within_an_eighth_of_a_row_is_seen_where_nothing_was_added_and_a_longer_one_is_no_matter_of_instants() {
         let told = |delay_s: f64| {
             let Shown { context, problem } = shown(&format!("{DELAY}{delay_s}\n"));
             let base = problem.fitted("", 20);
-            let mut trial = problem.trial("sensor_delay", "y", &free(DELAY, 0.002, 0.2), 25, 0.0);
+            let mut trial = problem.trial("sensor_delay", "y", &free(DELAY, 0.0005, 0.2), 25, 0.0);
             trial.gain = compare(&trial.hypothesis, &base, &context).total;
             within_its_row(&base, &[trial], &context)
         };
-        let seen = told(0.004).unwrap();
-        assert!(seen.effect == "sensor_delay" && seen.sentence.contains("known to a row"), "{}", seen.sentence);
-        assert!((seen.parameters["delay"].value / 0.004 - 1.0).abs() < 0.2);
+        let seen = told(0.001).unwrap();
+        assert!(seen.effect == "sensor_delay" && seen.sentence.contains("of a row"), "{}", seen.sentence);
+        assert!((seen.parameters["delay"].value / 0.001 - 1.0).abs() < 0.2);
         assert!(told(0.03).is_none() && told(0.0).is_none());
     }
 

@@ -119,7 +119,7 @@ fn obeys_the_rules(
     let threshold = detection_threshold(context, trial.candidate.keys.len());
     let only = trial.candidate.only.as_deref();
     let beside = gain_beside_instants(now, &trial.hypothesis, (trial.gain, threshold), only, TOUCHDOWN_S);
-    said(&format!("   {effect} gains {:.0}, {beside:.0} beside instants that are known to a row", trial.gain));
+    said(&format!("   {effect} gains {:.0}, {beside:.0} beside instants that are known to half a step", trial.gain));
     if beside <= threshold {
         return false;
     }

@@ -1,7 +1,7 @@
 //! What the simulator that made a recording, if one did, does to the equations of the machine: its steps, and a smooth sign of friction.
 //!
 //! A simulator that takes forces from the beginning of a step as long as a row is off by what such a step makes of the machine: in two
-//! links that whirl that is more than most effects of the library do, and half a row ([`crate::diagnose::robustness::instants`]) is but its
+//! links that whirl that is more than most effects of the library do, and half a step ([`crate::diagnose::robustness::instants`]) is but its
 //! first order. Where friction's sign is smooth, a joint creeps where it would stick. No machine steps. So these are numbers like any other of the
 //! simulation: the likeliest are taken, the rig's own unless others are more than chance.
 //! RT: no.
@@ -9,6 +9,7 @@
 use crate::diagnose::judge::confirmation::is_contradicted;
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, leaves_slow_noise};
 use crate::diagnose::library::candidate_fit::REFIT;
+use crate::diagnose::robustness::instants::FINEST_STEPS_PER_ROW;
 use crate::diagnose::screen::subsample::few;
 use crate::diagnose::search::budget::{allowance, allowance_of_a_look, within};
 use crate::identify::base_fit::anew;
@@ -23,7 +24,7 @@ use crate::model::rig::{Numerics, Rig};
 use rayon::prelude::*;
 
 /// Steps per row that are tried. The error of a step goes with its length: what lies between is nearly one of these.
-const PER_ROW: [f64; 3] = [1.0, 2.0, 4.0];
+const PER_ROW: [f64; 3] = [1.0, 2.0, FINEST_STEPS_PER_ROW];
 
 /// Rates within which friction may change its sign that are tried, rad/s or m/s; a simulator that is to look right has no larger ones.
 const SMOOTH_RATES: [f64; 6] = [1e-3, 2e-3, 4e-3, 8e-3, 0.016, 0.032];
