@@ -215,7 +215,14 @@ fn searched(
     let Some(strict) = strict else { return all };
     said("what passes for noise is slower than noise: again without");
     let stood = with_slow_noise_as_misfit([each, start.each_alone(&all)].concat(), context);
-    forward((&rig, &strict), (None, stood), library, &mut is_vain, context, said)
+    let again = forward((&rig, &strict), (None, stood), library, &mut is_vain, context, said);
+    unless_out_of_work(again, all)
+}
+
+/// The search made `again`, or the `first` one where that found something and there was no work left to ask anything again.
+fn unless_out_of_work(again: Selection, first: Selection) -> Selection {
+    let asked_nothing = again.cut_short && again.added.is_empty();
+    if asked_nothing && !first.added.is_empty() { Selection { cut_short: true, ..first } } else { again }
 }
 
 /// `trials` of a search in which slow noise passed for noise, for one in which it does not.
@@ -231,6 +238,7 @@ fn with_slow_noise_as_misfit(trials: Vec<CandidateFit>, context: &Context) -> Ve
 mod tests {
     use super::*;
     use crate::diagnose::judge::verdict::Seen;
+    use crate::diagnose::judge::worked::{Shown, shown};
     use crate::identify::experiment::Recording;
     use crate::identify::synthesis::record;
     use crate::model::rig::Use;
@@ -272,6 +280,23 @@ mod tests {
         walk.found.found = shown.found.clone();
         walk.found.added.clear();
         assert!(!walk.is_borne_out_by(&shown, again(&walk).as_ref()), "another effect");
+    }
+
+    #[test]
+    fn a_search_for_which_no_work_was_left_does_not_take_the_place_of_one_that_found_something() {
+        let Shown { problem, .. } = shown("");
+        let base = problem.fitted("", 1);
+        let selection = |added: usize, cut_short: bool| {
+            let added = vec![problem.added("torque_offset", "q1", 100.0, Vec::new()); added];
+            Selection { base: base.clone(), found: base.clone(), added, last: Vec::new(), cut_short }
+        };
+        let stands = |again: Selection| {
+            let stands = unless_out_of_work(again, selection(2, false));
+            (stands.added.len(), stands.cut_short)
+        };
+        assert_eq!(stands(selection(0, true)), (2, true), "nothing was asked");
+        assert_eq!(stands(selection(1, true)), (1, true));
+        assert_eq!(stands(selection(0, false)), (0, false), "all was asked");
     }
 
     #[test]
