@@ -121,7 +121,9 @@ impl<S: Scalar> Machine<S> {
 
     /// A rotor that is as heavy as rotor and link together leaves the link nothing to accelerate: such a link runs backwards.
     fn check_rotors(&self, setting: &Setting) -> Result<(), MachineError> {
-        let (Body::Pendulum(_) | Body::Slider(_)) = &self.plant.body else { return Ok(()) };
+        if setting.mechanism.whole_inertia().is_none() {
+            return Ok(());
+        }
         for rotor in &self.plant.rotors {
             let (own, whole) = (rotor.inertia.value(), self.plant.body.link_inertia(rotor.joint).value());
             if own >= whole {

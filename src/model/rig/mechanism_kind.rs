@@ -102,6 +102,15 @@ impl MechanismKind {
         }
     }
 
+    /// Which parameter is the inertia of link and rotor together, of one that has no other inertia.
+    #[must_use]
+    pub const fn whole_inertia(self) -> Option<usize> {
+        match self {
+            Self::Pendulum | Self::Slider => Some(0),
+            Self::DoublePendulum | Self::CompassGait => None,
+        }
+    }
+
     /// Its parameters, in order.
     #[must_use]
     pub const fn parameters(self) -> &'static [ParameterInfo] {

@@ -48,15 +48,11 @@ impl Reader<'_> {
 
     /// A rotor is a part of the inertia of a pendulum or slider.
     fn lighter_than_the_whole(&mut self, rig: &Rig, effect: &Effect, span: &Range<usize>) {
-        let is_part = matches!(rig.mechanism, MechanismKind::Pendulum | MechanismKind::Slider);
-        let (Some(rotor), Some(whole), true) = (effect.get("rotor_inertia"), rig.parameters.first(), is_part) else {
-            return;
-        };
-        if rotor.value >= whole.value {
-            let (name, whole) = (rig.mechanism.parameters()[0].name, whole.value);
-            let text = format!("{} must be below {name} = {whole}, which is rotor and link together", rotor.value);
-            self.complain(span, "rotor_inertia", text);
-        }
+        let Some((rotor, index)) = effect.get("rotor_inertia").zip(rig.mechanism.whole_inertia()) else { return };
+        let Some(whole) = rig.parameters.get(index).filter(|whole| rotor.value >= whole.value) else { return };
+        let (name, whole) = (rig.mechanism.parameters()[index].name, whole.value);
+        let text = format!("{} must be below {name} = {whole}, which is rotor and link together", rotor.value);
+        self.complain(span, "rotor_inertia", text);
     }
 
     fn place(&mut self, rig: &Rig, kind: EffectKind, at: &str, span: &Range<usize>) {
