@@ -389,13 +389,14 @@ impl<'s> Search<'s> {
     }
 
     /// The first of the best candidates of the round that is accepted, and still admissible when it is fitted to the end; one that
-    /// then runs to its bound leaves the round. Nothing more is asked once all work is spent. `left_out`: made when needed.
+    /// then runs to its bound leaves the round. Once all work is spent the best alone is asked: that nothing is missing is no answer for
+    /// lack of work. `left_out`: made when needed.
     fn accepted(&mut self, left_out: &OnceCell<Option<CrossValidation>>, said: &mut dyn FnMut(&str)) -> Option<usize> {
         let mut asked = self.in_question();
         let most = asked.first().map_or(0.0, |i| self.all.last[*i].gain);
         let mut place = 0;
         while let Some(&i) = asked.get(place) {
-            if is_spent(&self.all.found) {
+            if place > 0 && is_spent(&self.all.found) {
                 self.all.cut_short = true;
                 break;
             }
@@ -573,5 +574,22 @@ mod tests {
         );
         let same = forward_on(stands(), |_| Vec::new(), &context, |_| {});
         assert_eq!((same.added.len(), same.found.rig), (1, found.rig.clone()));
+    }
+
+    #[test]
+    fn the_best_of_a_round_is_asked_though_all_work_is_spent() {
+        let offset = "[[effect]]\neffect = \"torque_offset\"\nat = \"q1\"\ntorque = ";
+        let Shown { context, problem } = shown(&format!("{offset}0.05\n"));
+        let base = problem.fitted("", 20);
+        base.problem.effort.add(3 * MOST_EFFORT);
+        assert!(is_spent(&base));
+        let candidate = Candidate {
+            keys: vec![Key { name: "torque", min: -1.0, max: 1.0, log: false }],
+            starts: vec![vec![0.0]],
+            ..problem.candidate("torque_offset", "q1")
+        };
+        let library = |_: &FittedModel| vec![candidate.clone()];
+        let found = forward((&base.rig, &base), (None, Vec::new()), library, |_| false, &context, |_| {});
+        assert_eq!(found.added.iter().map(|a| a.candidate.effect).collect::<Vec<_>>(), ["torque_offset"]);
     }
 }
