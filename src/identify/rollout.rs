@@ -354,8 +354,15 @@ pub fn free_run(rig: &Rig, recording: &Recording, pooled: &Pooled) -> Result<Fre
         rollout.simulate(window, &initial, &mut readings)?;
         Ok((initial, readings))
     };
-    let parts: Vec<(Vec<f64>, Readings)> =
+    let mut parts: Vec<(Vec<f64>, Readings)> =
         (0..rollout.windows().len()).into_par_iter().map(one).collect::<Result<_, RolloutError>>()?;
+    for window in 1..parts.len() {
+        if let Some(initial) = rollout.fit_initial_after(window, &weights, &parts[window - 1].0, &parts[window].0)? {
+            let mut readings = Readings::default();
+            rollout.simulate(window, &initial, &mut readings)?;
+            parts[window] = (initial, readings);
+        }
+    }
     let mut run = FreeRun {
         predicted: vec![Vec::with_capacity(recording.len()); rig.sensors.len()],
         initial: Vec::with_capacity(parts.len()),

@@ -95,6 +95,32 @@ impl Rollout<'_> {
         })
     }
 
+    /// A better initial state than `fitted`, from where the window before arrives that starts `before`; `None` if there is none. Asked where
+    /// more than noise stays and something is inside (a bristle, a spring): no first sample tells how far that is deflected.
+    ///
+    /// # Errors
+    /// The simulation diverged.
+    pub fn fit_initial_after(
+        &self,
+        window: usize,
+        weights: &[f64],
+        before: &[f64],
+        fitted: &[f64],
+    ) -> Result<Option<Vec<f64>>, RolloutError> {
+        if self.rigid_len() == self.initial_len() {
+            return Ok(None);
+        }
+        let mut readings = Readings::default();
+        self.simulate(window, fitted, &mut readings)?;
+        let cost = self.cost_of(window, weights, &readings);
+        if cost <= NOISY * self.noise_cost(window, weights) {
+            return Ok(None);
+        }
+        let Ok(Some(start)) = self.arrived(window - 1, before) else { return Ok(None) };
+        let other = self.explore(window, weights, &start).ok();
+        Ok(other.filter(|other| other.1 < cost).map(|other| other.0))
+    }
+
     /// A start from fits on the first parts of the window.
     fn grown(&self, window: usize, weights: &[f64], start: &[f64]) -> Vec<f64> {
         let rows = self.windows[window].clone();
