@@ -246,7 +246,7 @@ fn drive(a: &ActuatorScale, scales: &Scales) -> Vec<Candidate> {
             "actuator_lag",
             &a.column,
             vec![linear("time_constant", 0.0, longest)],
-            LAGS_ROWS.iter().map(|rows| vec![rows * scales.step_s]).collect(),
+            delays(scales.step_s, 0.5 * scales.step_s),
         ),
         candidate("transport_delay", &a.column, vec![linear("delay", 0.0, longest)], delays(scales.step_s, longest)),
         candidate(
@@ -258,12 +258,9 @@ fn drive(a: &ActuatorScale, scales: &Scales) -> Vec<Candidate> {
     ]
 }
 
-/// Lags from which a fit starts, in rows. The first is so short that it changes next to nothing: a robot that balances is led far away by half
-/// a row, and from there a linear step says nothing.
-const LAGS_ROWS: [f64; 2] = [0.05, 0.5];
-
-/// Delays likewise. A command is held from row to row: to a simulator with coarse steps each whole row is an edge
-/// that no gradient sees beyond.
+/// Delays from which a fit starts, in rows. The first is so short that it changes next to nothing: a robot that balances is led far away by
+/// half a row, and from there a linear step says nothing. A command is held from row to row: to a simulator with coarse steps each whole row
+/// is an edge that no gradient sees beyond. A lag has no such edges.
 const DELAYS_ROWS: [f64; 7] = [0.05, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0];
 
 /// Those that are no longer than `longest`, s.
@@ -279,7 +276,7 @@ fn sensing(s: &SensorScale, scales: &Scales) -> Vec<Candidate> {
             "sensor_lag",
             &s.column,
             vec![linear("time_constant", 0.0, longest)],
-            LAGS_ROWS.iter().map(|rows| vec![rows * scales.step_s]).collect(),
+            delays(scales.step_s, 0.5 * scales.step_s),
         ),
         candidate("sensor_delay", &s.column, vec![linear("delay", 0.0, longest)], delays(scales.step_s, longest)),
         candidate("sensor_bias", &s.column, vec![linear("bias", -3.0 * s.spread, 3.0 * s.spread)], vec![vec![0.0]]),
