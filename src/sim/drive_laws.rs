@@ -350,6 +350,28 @@ fn a_fault_is_told_with_its_code_and_forgotten_only_after_the_goal_was_dropped(c
     assert_eq!(w.hip().error_code, 0);
 }
 
+/// It goes on hearing from us, so its own watchdog does not end it.
+fn a_drive_that_is_given_up_loses_its_torque(case: Case) {
+    let mut w = Walk::enabled(case);
+    w.command(DriveGoal::Enabled, 500);
+    w.ticks(50);
+    w.plant.drive_mut(Drive::Hip).defects_mut().twice = true;
+    w.until(100, |w| w.hip().error_code == SetupFault::TwoNodes as u16);
+    w.ticks(20);
+    assert!(w.torque().abs() <= case.step_permille && w.power() != State::Enabled, "{} {:?}", w.torque(), w.power());
+}
+
+fn a_new_master_takes_the_torque_that_a_dead_one_left(case: Case) {
+    let mut w = Walk::enabled(case);
+    w.command(DriveGoal::Enabled, 500);
+    w.ticks(50);
+    let config = load(case);
+    w.lines = [0, 1].map(|bus| Line::new(&config.robot, bus, &config.real_time).unwrap());
+    w.command(DriveGoal::Disabled, 0);
+    w.ticks(20);
+    assert!(w.torque().abs() <= case.step_permille && w.power() != State::Enabled, "{} {:?}", w.torque(), w.power());
+}
+
 fn a_killed_master_leaves_no_torque_within_a_hundred_milliseconds(case: Case) {
     let mut w = Walk::enabled(case);
     w.command(DriveGoal::Enabled, 500);
@@ -475,6 +497,7 @@ macro_rules! drive_laws {
                 a_lowered_torque_follows_the_frame_in_flight_once_and_zero_always
                 a_drive_that_restarts_stays_off_until_the_goal_was_dropped
                 a_fault_is_told_with_its_code_and_forgotten_only_after_the_goal_was_dropped
+                a_drive_that_is_given_up_loses_its_torque a_new_master_takes_the_torque_that_a_dead_one_left
                 a_killed_master_leaves_no_torque_within_a_hundred_milliseconds
                 stop_frames_leave_it_without_torque_and_power
                 wrong_lengths_and_foreign_frames_are_counted_and_change_nothing

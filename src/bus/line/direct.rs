@@ -249,12 +249,13 @@ impl Direct {
         };
         let heard = of_speaker!(&mut self.speaker, s => s.hear(&frame.frame, frame.stamp, asked));
         match heard {
-            Heard::Echo => {
+            // Another master's is no proof that ours has left.
+            Heard::Echo if frame.own => {
                 self.left = frame.stamp;
                 self.in_flight.hear_echo(&frame.frame);
             }
             Heard::Word(word) => self.on_word(&word, frame.stamp),
-            Heard::OwnQuestion | Heard::Garbled | Heard::Foreign => {}
+            Heard::Echo | Heard::OwnQuestion | Heard::Garbled | Heard::Foreign => {}
         }
         heard
     }

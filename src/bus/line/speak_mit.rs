@@ -53,6 +53,10 @@ pub(super) struct MitSpeaker {
     asks: u8,
     /// MyActuator: its last status told an error.
     faulty: bool,
+    /// MyActuator: it has not answered a power off since the last command that may have given it torque.
+    may_have_power: bool,
+    /// MyActuator: a power off went out since that command.
+    shut_down_sent: bool,
     /// MyActuator: commands since it was asked for its errors, and the torque of the last one, Nm.
     commands: u8,
     torque_nm: f64,
@@ -62,7 +66,20 @@ impl MitSpeaker {
     pub(super) fn new(mit: Mit, node: u8) -> Self {
         let position = Unwrapped { last: None, offset_rad: 0.0, at_the_end: 0 };
         let pace = Pace::of(&mit);
-        Self { mit, node, belief: Belief::Off, position, pace, asks: 0, faulty: false, commands: 0, torque_nm: 0.0 }
+        Self {
+            mit,
+            node,
+            belief: Belief::Off,
+            position,
+            pace,
+            asks: 0,
+            faulty: false,
+            // Whoever drove it before us may have left it on.
+            may_have_power: true,
+            shut_down_sent: false,
+            commands: 0,
+            torque_nm: 0.0,
+        }
     }
 
     const fn is_rmd(&self) -> bool {
@@ -71,6 +88,12 @@ impl MitSpeaker {
 
     fn special(&self, special: Special) -> CanFrame {
         CanFrame::classic(self.mit.command_id(self.node), &special.emit())
+    }
+
+    /// A command of motion.
+    fn motion(&mut self, setpoint: &mit::Setpoint) -> CanFrame {
+        (self.may_have_power, self.shut_down_sent) = (true, false);
+        self.numeric(setpoint)
     }
 
     fn numeric(&self, setpoint: &mit::Setpoint) -> CanFrame {
@@ -156,7 +179,7 @@ impl MitSpeaker {
                 let turns = f64::from(hundredths) / 36_000.0;
                 self.position.at(turns * TAU, stamp);
                 word.position_turns = Some(turns);
-                word.power = (self.belief == Belief::Off && !self.faulty).then_some(Power::Off);
+                word.power = (self.is_off() && !self.faulty).then_some(Power::Off);
             }
             rmd::STATUS => {
                 let errors = u32::from(u16::from_le_bytes([f, g]));
@@ -164,7 +187,7 @@ impl MitSpeaker {
                 if self.faulty {
                     let code = errors.trailing_zeros() + 1;
                     word.power = Some(Power::Fault(u8::try_from(code).unwrap_or(u8::MAX)));
-                } else if self.belief == Belief::Off {
+                } else if self.is_off() {
                     word.power = Some(Power::Off);
                 }
             }
@@ -173,10 +196,16 @@ impl MitSpeaker {
                 let date = u32::from_le_bytes([d, e, f, g]);
                 word.answers_question = asked.map(|_| self.judge_date(date));
             }
-            rmd::SHUT_DOWN | rmd::RELEASE_BRAKE | rmd::RESET => {}
+            rmd::SHUT_DOWN => self.may_have_power &= !self.shut_down_sent,
+            rmd::RELEASE_BRAKE | rmd::RESET => {}
             _ => return Heard::Garbled,
         }
         Heard::Word(word)
+    }
+
+    /// MyActuator: it is off, and has said so.
+    fn is_off(&self) -> bool {
+        self.belief == Belief::Off && !self.may_have_power
     }
 
     fn judge_date(&self, date: u32) -> Result<(), SetupFault> {
@@ -287,13 +316,17 @@ impl Speak for MitSpeaker {
     }
 
     fn off(&mut self) -> CanFrame {
-        let was = std::mem::replace(&mut self.belief, Belief::Off);
+        self.belief = Belief::Off;
         if !self.is_rmd() {
             return self.special(Special::Leave);
         }
+        // A question keeps a motor's watchdog quiet: power off, until it answers that.
+        if self.may_have_power {
+            self.shut_down_sent = true;
+            return self.ordinary(rmd::SHUT_DOWN);
+        }
         self.asks = self.asks.wrapping_add(1);
         match self.asks % 4 {
-            _ if was != Belief::Off => self.ordinary(rmd::SHUT_DOWN),
             0 => self.ordinary(rmd::STATUS),
             _ => self.ordinary(rmd::ANGLE),
         }
@@ -301,7 +334,7 @@ impl Speak for MitSpeaker {
 
     fn look(&mut self) -> CanFrame {
         self.belief = Belief::Off;
-        if self.is_rmd() { self.off() } else { self.numeric(&mit::Setpoint::default()) }
+        if self.is_rmd() { self.off() } else { self.motion(&mit::Setpoint::default()) }
     }
 
     fn enter(&mut self, step: u8) -> Option<CanFrame> {
@@ -309,6 +342,7 @@ impl Speak for MitSpeaker {
             return None;
         }
         self.belief = Belief::Entered { proofs: 0 };
+        (self.may_have_power, self.shut_down_sent) = (true, false);
         Some(if self.is_rmd() { self.ordinary(rmd::RELEASE_BRAKE) } else { self.special(Special::Enter) })
     }
 
@@ -334,7 +368,7 @@ impl Speak for MitSpeaker {
             return self.ordinary(rmd::STATUS);
         }
         self.torque_nm = asked.torque_nm;
-        self.numeric(&asked)
+        self.motion(&asked)
     }
 
     fn clear(&mut self) -> CanFrame {
@@ -357,5 +391,6 @@ impl Speak for MitSpeaker {
         self.belief = Belief::Off;
         self.position = Unwrapped::default();
         self.faulty = false;
+        (self.may_have_power, self.shut_down_sent) = (true, false);
     }
 }

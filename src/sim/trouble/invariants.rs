@@ -8,9 +8,11 @@
 //!    wait: there the bound is the drive's watchdog, by which a drive that hears nothing lets go. A drive that is commanded frame
 //!    by frame may keep its power then (most MIT motors), or get it by the old frame itself: it may follow that until the power
 //!    off that is queued behind it.
-//! 4. A fault stays latched, the same one, until the switch was seen open and is pressed again.
+//! 4. When torque is over, so it is at the motor: without torque, or made by less than its watchdog and what a current takes.
+//! 5. A fault stays latched, the same one, until the switch was seen open and is pressed again.
 
-use crate::base::time::Span;
+use super::reaction::NO_TORQUE_NM;
+use crate::base::time::{Span, Stamp};
 use crate::bus::budget::Plan;
 use crate::config::checked::{Config, DriveConfig, DriveProtocol};
 use crate::config::fault::{Device, Injection};
@@ -46,9 +48,15 @@ pub enum Breach {
     #[error("{0:?} followed a command that had waited {1:?}, for {2:?}")]
     Waited(Drive, Span, Span),
     /// See 4.
+    #[error("the hip still makes {0:.2} Nm {1:?} after the mode left armed")]
+    TorqueStays(f64, Span),
+    /// See 5.
     #[error("the latched fault {0:?} was left for {1:?} without a fresh press")]
     Unlatched(Fault, Mode),
 }
+
+/// A current is gone after this.
+const CURRENT_DECAYS: Span = Span::from_ms(10);
 
 /// Looks at each tick.
 #[derive(Clone, Debug)]
@@ -61,6 +69,9 @@ pub struct Invariants {
     mode: Mode,
     first_fault: Fault,
     held: bool,
+    /// Longest that the hip's motor may make torque unless armed, and since when it does.
+    most_torque: Span,
+    torque_since: Option<Stamp>,
 }
 
 impl Invariants {
@@ -77,6 +88,8 @@ impl Invariants {
             mode: Mode::Starting,
             first_fault: Fault::default(),
             held: false,
+            most_torque: Span(robot.drives[Drive::Hip as usize].watchdog.0 + CURRENT_DECAYS.0),
+            torque_since: None,
         }
     }
 
@@ -136,6 +149,19 @@ impl Invariants {
             }
         }
         Ok(())
+    }
+
+    /// What the hip's motor makes at the joint in the tick that was looked at.
+    ///
+    /// # Errors
+    /// Torque that goes on without being armed.
+    pub fn look_at_torque(&mut self, now: Stamp, torque_nm: f64) -> Result<(), Breach> {
+        if self.mode == Mode::Armed || torque_nm.abs() <= NO_TORQUE_NM {
+            self.torque_since = None;
+            return Ok(());
+        }
+        let lasts = now.since(*self.torque_since.get_or_insert(now));
+        if lasts > self.most_torque { Err(Breach::TorqueStays(torque_nm, lasts)) } else { Ok(()) }
     }
 
     fn latch(&self, mode: Mode, first_fault: &Fault, held: bool) -> Result<(), Breach> {
@@ -506,6 +532,19 @@ mod tests {
             "all the way at once: more torque than it may use"
         );
         assert!(matches!(send(500, 700, 359.0), Err(Breach::Old(_))), "the other way");
+    }
+
+    #[test]
+    fn torque_that_goes_on_unless_armed_is_noticed() {
+        let mut invariants = Invariants::new(&robot("default"));
+        let mut look = |mode: Mode, ms: i64, torque_nm: f64| {
+            invariants.mode = mode;
+            invariants.look_at_torque(Stamp(ms * 1_000_000), torque_nm).is_ok()
+        };
+        assert!((0..200).all(|ms| look(Mode::Armed, ms, 20.0)));
+        assert!((200..=260).all(|ms| look(Mode::Faulted, ms, 20.0)), "its watchdog is 50 ms");
+        assert!(!look(Mode::Faulted, 261, -20.0));
+        assert!(look(Mode::Faulted, 262, 0.01) && look(Mode::Faulted, 263, 20.0), "it had let go");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::sensor::mocap::MocapNews;
 use crate::sim::lockstep::{Lockstep, LockstepError};
 
 /// Less torque at the joint than this is none, Nm: a quantum of the drive's current.
-const NO_TORQUE_NM: f64 = 0.05;
+pub(super) const NO_TORQUE_NM: f64 = 0.05;
 /// After the fault is over it is looked at for so long.
 const AFTERWARDS: Span = Span::from_ms(2500);
 /// How it is while a fault lasts is looked at in the last of that time.

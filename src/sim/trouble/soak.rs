@@ -98,6 +98,7 @@ pub fn run(config: &Config, seed: u64, length: Span) -> Result<Soaked, LockstepE
         let status = record.status;
         soaked.waited = lockstep.plant().waited();
         let looked = looked.and_then(|()| invariants.look_at_ages(&soaked.waited));
+        let looked = looked.and_then(|()| invariants.look_at_torque(now, lockstep.plant().hip_torque_nm()));
         soaked.breach = looked.err().map(|breach| (now, breach));
         soaked.ticks += 1;
         soaked.armed_ticks += u64::from(status.mode == Mode::Armed);
@@ -173,8 +174,9 @@ mod tests {
     #[test]
     fn robots_with_other_devices_keep_the_invariants() {
         let mixed = ("mixed.toml", include_str!("../../../config/examples/mixed.toml"));
+        let asked = ("myactuator.toml", include_str!("../../../config/examples/myactuator.toml"));
         let devices = [Device::Mit, Device::Odrive, Device::Moteus, Device::Lidar].map(robot_for);
-        for (name, text) in devices.into_iter().chain([mixed, ("MIT toes", MIT_TOES)]) {
+        for (name, text) in devices.into_iter().chain([mixed, asked, ("MIT toes", MIT_TOES)]) {
             let [latched, armings] = soak(name, text, 20);
             assert!(latched > 10 && armings > 10, "{name}: {latched} faults, {armings} armings");
         }
