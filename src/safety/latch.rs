@@ -23,7 +23,7 @@ impl Latch {
         self.last = limit;
     }
 
-    /// Forgets the first fault: the robot is armed again.
+    /// Forgets the first fault: somebody pressed again.
     pub(super) fn clear(&mut self) {
         self.first = None;
     }

@@ -8,7 +8,7 @@
 //!   is no fault while it is shorter than the drives' watchdogs;
 //! - the toes look for their zero only while the switch is held, and the hip has no power then;
 //! - it arms only on a press that follows a release, both seen fresh, with nothing in the way;
-//! - the first fault is kept until the robot is armed again.
+//! - the first fault is kept until a fresh press: the robot is armed, or its toes look for their zero.
 
 #![cfg_attr(
     not(test),
@@ -212,7 +212,7 @@ impl Guard {
 
     fn enter(&mut self, now: Stamp, next: Mode, fault: Option<Fault>) {
         match (next, fault) {
-            (Mode::Arming, _) => self.latch.clear(),
+            (Mode::Arming | Mode::Homing, _) => self.latch.clear(),
             (Mode::Faulted, Some(fault)) => self.latch.set(fault),
             _ => {}
         }

@@ -166,6 +166,22 @@ fn homing_ends_with_the_hand_and_with_the_last_zero_and_only_a_new_press_arms() 
 }
 
 #[test]
+fn a_fault_while_homing_is_told_and_not_the_one_before_the_press() {
+    let mut bench = Bench::new();
+    bench.run(20, false);
+    bench.run(20, true);
+    assert_eq!(bench.tick(false).status.first_fault.code, FaultCode::DeadManReleased);
+    // A toe's drive restarts and has lost its zero.
+    bench.feedback.drives[2].zero = ZeroState::Unknown;
+    bench.run(500, false);
+    let pressed = bench.run(5, true).status;
+    assert_eq!((pressed.mode, pressed.first_fault.code), (Mode::Homing, FaultCode::None));
+    bench.feedback.drives[2].zero = ZeroState::Failed;
+    let failed = bench.tick(true).status;
+    assert_eq!((failed.mode, failed.first_fault.code, failed.faults), (Mode::Faulted, FaultCode::HomingFailed, 2));
+}
+
+#[test]
 fn a_key_held_at_start_does_not_arm() {
     let mut bench = Bench::new();
     assert_eq!(bench.run(5_000, true).status.mode, Mode::Disarmed);

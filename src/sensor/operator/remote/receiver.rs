@@ -114,19 +114,21 @@ impl Receiver {
     }
 
     fn hear(&mut self, now: Stamp, from: SocketAddr, bytes: &[u8], (person, state): (Nonce, State)) {
-        let ours = self.session.as_ref().is_some_and(|session| session.person == person);
+        let is_ours = |session: &Session| session.person == person && session.key.is_authentic(bytes);
+        let ours = self.session.as_ref().is_some_and(is_ours);
         if !ours && !self.begin(now, from, bytes, (person, state)) {
             return;
         }
         let age = self.operator_age;
         let Some(session) = &mut self.session else { return };
-        if !session.key.is_authentic(bytes) {
-            self.count(|refused| &refused.not_authentic);
-            return;
-        }
         // The second sending, or something old. The first of a session is newer than none.
         if state.number <= session.newest {
             return;
+        }
+        if now.since(session.heard) >= HANDOVER {
+            // A laptop that slept: its clock stood still, and the switch must be seen open again.
+            (session.clock, session.near) = (sender_clock(), Stamp::NEVER);
+            self.sample.dead_man = false;
         }
         session.newest = state.number;
         (session.heard, session.peer) = (now, from);
@@ -165,7 +167,7 @@ impl Receiver {
             key,
             peer: from,
             newest: 0,
-            clock: ClockFit::new(1_000_000),
+            clock: sender_clock(),
             heard: now,
             near: Stamp::NEVER,
             zeroings: state.zeroings,
@@ -189,6 +191,11 @@ impl Receiver {
         };
         Some((session.peer, Packet::View(session.person, view).sealed(&session.key)))
     }
+}
+
+/// Of the person's end, in microseconds.
+fn sender_clock() -> ClockFit {
+    ClockFit::new(1_000_000)
 }
 
 /// A clock in microseconds that wraps.

@@ -1,5 +1,6 @@
 //! The person's end of a remote hand, as a function of datagrams and their times. RT: no.
 
+use super::VIEW_EVERY;
 use super::packet::{Datagram, Key, NEVER_US, Nonce, Packet, State, View};
 use super::receiver::microseconds;
 use crate::base::time::{Span, Stamp};
@@ -8,6 +9,9 @@ use crate::base::time::{Span, Stamp};
 const HELLO_EVERY: Span = Span::from_ms(100);
 /// A robot that showed nothing for so long may have begun anew: 30 views, of which at 30 % loss all are lost once in 10^15 s.
 const LOST_AFTER: Span = Span::from_ms(3_000);
+
+/// A robot that has our session still shows something within this of a welcome: only its words were lost, and the switch stays held.
+const VIEW_COMES_WITHIN: Span = Span(5 * VIEW_EVERY.0);
 
 /// The person's end.
 #[derive(Debug)]
@@ -18,6 +22,8 @@ pub struct Sender {
     next_hello: Stamp,
     /// When the robot was heard last.
     heard: Stamp,
+    /// The key of a session that the robot offers while it may still have ours, and when it did.
+    offered: Option<(Key, Stamp)>,
     /// The newest view and when it came.
     view: Option<(View, Stamp)>,
     number: u64,
@@ -35,6 +41,7 @@ impl Sender {
             session: None,
             next_hello: Stamp::NEVER,
             heard: Stamp::NEVER,
+            offered: None,
             view: None,
             number: 0,
             zeroings: 0,
@@ -60,6 +67,9 @@ impl Sender {
 
     /// The next state; send it twice. `None` without a session.
     pub fn state(&mut self, now: Stamp, held: bool) -> Option<Datagram> {
+        if let Some((key, _)) = self.offered.take_if(|(_, at)| now.since(*at) > VIEW_COMES_WITHIN) {
+            self.begin(now, key);
+        }
         let key = self.session.as_ref()?;
         self.number += 1;
         let (echo_us, echo_age_us) = self.view.map_or((0, NEVER_US), |(view, came)| {
@@ -81,23 +91,33 @@ impl Sender {
     pub fn take(&mut self, now: Stamp, bytes: &[u8]) -> bool {
         match Packet::parse(bytes) {
             Some(Packet::Welcome(person, robot)) if person == self.person && self.secret.is_authentic(bytes) => {
-                if self.session.is_some() && now.since(self.heard) <= LOST_AFTER {
+                let in_session = self.session.is_some();
+                if in_session && now.since(self.heard) <= LOST_AFTER {
                     return false;
                 }
-                self.session = self.secret.of_session(&person, &robot);
-                (self.view, self.number, self.heard) = (None, 0, now);
+                let Some(key) = self.secret.of_session(&person, &robot) else { return false };
+                if in_session {
+                    self.offered = Some((key, self.offered.as_ref().map_or(now, |(_, since)| *since)));
+                } else {
+                    self.begin(now, key);
+                }
                 true
             }
             Some(Packet::View(person, view)) if person == self.person => {
                 let authentic = self.session.as_ref().is_some_and(|key| key.is_authentic(bytes));
                 let is_new = self.view.is_none_or(|(newest, _)| view.number > newest.number);
                 if authentic && is_new {
-                    (self.view, self.heard) = (Some((view, now)), now);
+                    (self.view, self.heard, self.offered) = (Some((view, now)), now, None);
                 }
                 authentic && is_new
             }
             _ => false,
         }
+    }
+
+    fn begin(&mut self, now: Stamp, key: Key) {
+        self.session = Some(key);
+        (self.view, self.number, self.heard) = (None, 0, now);
     }
 
     /// How the robot is, and how long ago that was heard.

@@ -122,6 +122,19 @@ impl Net {
         (0..ms).for_each(|_| self.step(|| false));
     }
 
+    /// So long nothing arrives of what goes in these directions.
+    fn cut(&mut self, ms: i64, to_robot: bool, to_person: bool) {
+        for _ in 0..ms {
+            self.step(|| false);
+            if to_robot {
+                self.to_robot.clear();
+            }
+            if to_person {
+                self.to_person.clear();
+            }
+        }
+    }
+
     /// How old the hand is at the robot.
     fn age(&self) -> Span {
         self.now().since(self.receiver.sample().stamp)
@@ -212,6 +225,64 @@ fn a_robot_that_begins_anew_is_found_again() {
     assert_eq!(net.receiver.sample().sequence, 0, "the old session means nothing to it");
     net.run(2_000);
     assert!(net.age() < AGE, "{:?}", net.age());
+}
+
+#[test]
+fn a_hand_that_was_cut_off_comes_back_however_long_it_was_and_must_press_again() {
+    for ms in (500..8_000).step_by(30) {
+        let mut net = Net::new(8);
+        net.run(300);
+        net.held = true;
+        net.run(300);
+        net.cut(ms, true, true);
+        net.run(3_000);
+        assert!(net.age() < AGE && net.sender.robot(net.now()).unwrap().1 < Span::from_ms(150), "cut for {ms} ms");
+        net.held = false;
+        net.run(200);
+        assert!(!net.receiver.sample().dead_man, "cut for {ms} ms");
+        net.held = true;
+        net.run(200);
+        assert!(net.receiver.sample().dead_man, "cut for {ms} ms");
+    }
+}
+
+#[test]
+fn a_switch_stays_held_where_only_what_the_robot_says_is_lost() {
+    let mut net = Net::new(8);
+    net.run(300);
+    net.held = true;
+    net.run(300);
+    net.cut(3_500, false, true);
+    for _ in 0..3_000 {
+        net.step(|| false);
+        assert!(net.receiver.sample().dead_man && net.age() < AGE, "{} ms", net.now_ms);
+    }
+}
+
+#[test]
+fn a_laptop_that_slept_is_heard_again() {
+    let mut net = Net::new(8);
+    net.run(300);
+    net.held = true;
+    net.run(300);
+    // Asleep its clock stands still: the robot's goes on, and what the two make of the time differs from now on.
+    net.to_robot.clear();
+    net.to_person.clear();
+    let (slept, mut kept) = (Span::from_ms(60_000), 0);
+    for _ in 0..2_000 {
+        let (asleep, awake) = (net.now(), net.now() + slept);
+        if net.now_ms % 10 == 0 {
+            let state = net.sender.state(asleep, net.held).unwrap();
+            net.receiver.take(awake, peer(1), state.as_slice(), || Some([9; 16]));
+            kept += u32::from(net.receiver.sample().dead_man);
+            let view = net.receiver.view(awake, &Status::default());
+            view.map(|(_, view)| net.sender.take(asleep, view.as_slice()));
+        }
+        net.held = net.now_ms > 1_500;
+        net.now_ms += 1;
+    }
+    assert!(kept > 0 && net.receiver.sample().dead_man);
+    assert!((net.now() + slept).since(net.receiver.sample().stamp) < AGE);
 }
 
 #[test]
