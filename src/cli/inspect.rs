@@ -119,9 +119,18 @@ fn write_about(out: &mut impl Write, found: &Inspection) -> io::Result<()> {
     writeln!(out, "config    sha256 {}", word("config_sha256"))?;
     match found.ending {
         Some(Ending::Whole) => writeln!(out, "file      whole"),
-        Some(Ending::Torn { at }) => writeln!(out, "file      TORN at byte {at}: its writer was killed or lost power"),
+        Some(Ending::Torn { at }) => writeln!(out, "file      TORN at byte {at}: its writer {}", torn_by(found)),
         Some(Ending::Damaged { at }) => writeln!(out, "file      DAMAGED at byte {at}"),
         None => Ok(()),
+    }
+}
+
+/// Why a file may have no end. What its recorder said last is inside.
+fn torn_by(found: &Inspection) -> &'static str {
+    match found.recorder.map(|recorder| recorder.state) {
+        Some(RecorderState::DiskFull) => "found the disk full",
+        Some(RecorderState::DiskError) => "was refused by the disk",
+        _ => "was killed, lost power or found the disk full",
     }
 }
 
@@ -166,11 +175,9 @@ fn write_losses(out: &mut impl Write, found: &Inspection) -> io::Result<()> {
     }
     writeln!(out, "inputs    {} frames and IMU messages lost before the tick", found.input_drops)?;
     if let Some(status) = found.status {
-        writeln!(
-            out,
-            "loop      {} ticks, {} periods skipped, {} faults",
-            status.ticks, status.overruns, status.faults
-        )?;
+        let ends = found.events.iter().filter(|(_, event)| is_ordinary_end(event)).count();
+        let faults = status.faults.saturating_sub(u32::try_from(ends).unwrap_or(u32::MAX));
+        writeln!(out, "loop      {} ticks, {} periods skipped, {faults} faults", status.ticks, status.overruns)?;
     }
     Ok(())
 }
@@ -187,9 +194,14 @@ fn write_events(out: &mut impl Write, found: &Inspection, most: usize) -> io::Re
     Ok(())
 }
 
+fn is_ordinary_end(event: &Event) -> bool {
+    matches!(event, Event::Fault(fault) if fault.code.is_ordinary_end())
+}
+
 fn describe(event: &Event) -> String {
     match event {
         Event::Mode(mode) => format!("mode {}", mode.name()),
+        Event::Fault(fault) if fault.code.is_ordinary_end() => format!("ended by {}", fault.code.name()),
         Event::Fault(fault) => format!("fault {} {fault}", fault.code as u8),
         Event::MissingTicks(expected, came) => format!("recording misses ticks {expected} to {}", came - 1),
         Event::Overrun(periods) => format!("{periods} periods skipped"),

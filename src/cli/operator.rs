@@ -9,7 +9,7 @@ use super::{Outcome, Run};
 use crate::rt::stop::Stop;
 use crate::sensor::operator::socket::{HELD, OPEN, zero_datagram};
 use anyhow::Context;
-use key::{Key, KeyState};
+use key::{Key, KeyArgs, KeyState};
 use std::io::{self, Write};
 use std::os::unix::net::UnixDatagram;
 use std::path::PathBuf;
@@ -31,26 +31,23 @@ Examples:
 
 First hold until the toes have found their zero, let go, then press again to arm. In a terminal a key counts as held while
 it repeats without a gap of 100 ms, which begins after the keyboard's first delay; z confirms the hip's zero with the legs
-aligned, q ends. Only one process at a time has the switch: a second one is refused by the robot.
+aligned, q ends. A key of a device is held once it was seen released and then pressed; a wireless device needs
+--heartbeat-axis and --heartbeat-ms, as its receiver may repeat a held key for ever when the radio dies. Only one process at a time has the switch: a second one is refused by the robot.
 Killing it is as good as letting go: silence is a fault after robot.limits.operator_age_ms.
 Exit codes: 0 ended by the person, 2 no key to hold, 3 nobody listens at the socket or the device is gone.")]
 pub(crate) struct Args {
     /// The robot's socket (robot.operator.source)
     #[arg(long, value_name = "PATH")]
     socket: PathBuf,
-    /// Input device with the key (evdev) instead of the terminal
-    #[arg(long, value_name = "PATH")]
-    device: Option<PathBuf>,
-    /// Number of its key, as linux/input-event-codes.h counts (57 is the space bar, 304 the first button of a pad)
-    #[arg(long, value_name = "N", default_value_t = 57, requires = "device")]
-    key: u16,
+    #[command(flatten)]
+    key: KeyArgs,
 }
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
         let stop = Stop::on_signals().context("signal handlers")?;
         let socket = connect(&self.socket)?;
-        let mut key = Key::open(self.device.as_deref(), self.key)?;
+        let mut key = Key::open(&self.key)?;
         let held = beat(&socket, &mut key, &stop);
         for _ in 0..RELEASES {
             // The robot may be gone already, and then all is well.

@@ -1,6 +1,6 @@
 //! `compass remote`: a dead-man switch for a hand at a key of another computer. RT: no.
 
-use super::operator::key::{Key, KeyState};
+use super::operator::key::{Key, KeyArgs, KeyState};
 use super::{Outcome, Run};
 use crate::base::time::Span;
 use crate::msg::{FaultCode, Mode};
@@ -39,12 +39,8 @@ pub(crate) struct Args {
     /// File with the secret that the robot knows too, 16 bytes or more; nobody else may read it
     #[arg(long, value_name = "PATH")]
     secret: PathBuf,
-    /// Input device with the key (evdev) instead of the terminal
-    #[arg(long, value_name = "PATH")]
-    device: Option<PathBuf>,
-    /// Number of its key, as linux/input-event-codes.h counts (57 is the space bar, 304 the first button of a pad)
-    #[arg(long, value_name = "N", default_value_t = 57, requires = "device")]
-    key: u16,
+    #[command(flatten)]
+    key: KeyArgs,
 }
 
 impl Run for Args {
@@ -52,7 +48,7 @@ impl Run for Args {
         let stop = Stop::on_signals().context("signal handlers")?;
         let secret = read_secret(&self.secret).with_context(|| format!("--secret {}", self.secret.display()))?;
         let socket = connect(&self.to).with_context(|| format!("--to {}", self.to))?;
-        let mut key = Key::open(self.device.as_deref(), self.key)?;
+        let mut key = Key::open(&self.key)?;
         let mut link = Link { socket, sender: Sender::new(secret, chance()?), shown: String::new() };
         let held = beat(&mut link, &mut key, &stop);
         for _ in 0..RELEASES {

@@ -45,7 +45,7 @@ Examples:
 
 Real buses with the simulated hand or the simulated IMU are refused: motors would run with nobody there.
 
-Exit codes: 0 fine (letting the switch go is), 1 a fall or a fault, 2 configuration, 3 a device, 70 internal.")]
+Exit codes: 0 fine (letting the switch go is), 1 a fall, a fault or lost recording, 2 configuration, 3 a device, 70 internal.")]
 pub(crate) struct Args {
     #[command(flatten)]
     config: ConfigArgs,
@@ -133,7 +133,8 @@ impl Run for Args {
         summary::write(&mut words, &summary, &closed)?;
         beside.iter().flatten().try_for_each(|line| writeln!(words, "{line}"))?;
         view.finish(String::from_utf8_lossy(&words).into_owned());
-        outcome(&summary, stop::panics())
+        let lost = closed.recorded.as_ref().map_or(0, |(_, status)| status.dropped);
+        outcome(&summary, lost, stop::panics())
     }
 }
 
@@ -181,13 +182,14 @@ fn assemble(resolved: &Resolved, robot: &str, sinks: Sinks, stop: &Stop) -> anyh
     Ok(Assembled { running: process::start(tick, parts)?, mock, scanner, refused, locks: wiring.locks })
 }
 
-/// How the run ended. Letting the switch go is the ordinary end of it; anything else that was latched is a finding.
-fn outcome(summary: &Summary, panics: u32) -> anyhow::Result<Outcome> {
+/// How the run ended. Letting the switch go is the ordinary end of it; anything else that was latched is a finding, and so are
+/// ticks that were to be recorded and are lost.
+fn outcome(summary: &Summary, lost: u64, panics: u32) -> anyhow::Result<Outcome> {
     if summary.panicked || panics > 0 {
         // The hook has told where; this only brings the exit code 70.
         std::panic::resume_unwind(Box::new("a thread panicked"));
     }
-    Ok(if summary.observed.faulted { Outcome::Finding } else { Outcome::Fine })
+    Ok(if summary.observed.faulted || lost > 0 { Outcome::Finding } else { Outcome::Fine })
 }
 
 #[cfg(test)]

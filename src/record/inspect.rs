@@ -158,7 +158,7 @@ impl Inspection {
         }
     }
 
-    /// True if a person should look: torn, damaged, ticks missing or dropped, a fault other than being told to stop.
+    /// True if a person should look: torn, damaged, ticks missing or dropped, a fault other than an ordinary end.
     #[must_use]
     pub fn has_findings(&self) -> bool {
         self.ending != Some(Ending::Whole)
@@ -170,5 +170,5 @@ impl Inspection {
 }
 
 fn is_trouble(event: &Event) -> bool {
-    matches!(event, Event::Fault(fault) if fault.code != FaultCode::Stopping)
+    matches!(event, Event::Fault(fault) if !fault.code.is_ordinary_end())
 }

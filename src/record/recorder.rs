@@ -4,7 +4,7 @@
 //! without a lock and without a system call; when the ring is full the tick is counted as lost.
 //! Every [`FLUSH_PERIOD`] the chunk is closed and `fdatasync` awaited, so a kill -9 or a power cut costs at most that,
 //! plus the time of one sync. When the disk refuses (full, gone), the torn end is cut off, the loss counted and told,
-//! and a new file begun after a pause that doubles from [`RETRY_FIRST`] to [`RETRY_LONGEST`].
+//! and a new file begun, if there is room for some seconds, after a pause that doubles from [`RETRY_FIRST`] to [`RETRY_LONGEST`].
 
 use super::log_file::{Identity, LogFile};
 use super::storage::{Folder, Shelf};
@@ -30,6 +30,8 @@ const FLUSH_PERIOD: Duration = Duration::from_millis(500);
 const POLL: Duration = Duration::from_millis(5);
 /// A folder with a cap holds at least so many files, so that the oldest can go.
 const PAGES: u64 = 8;
+/// A disk that takes no more than this counts as full: 8 s of recording.
+const ROOM_BYTES: u64 = 16 << 20;
 /// First pause after trouble with the disk.
 const RETRY_FIRST: Duration = Duration::from_secs(2);
 /// Longest pause.
@@ -116,6 +118,7 @@ impl Recorder {
             told: Mutex::default(),
         });
         let mut worker = Worker { keep_bytes, ..Worker::new(shared.clone(), shelf, identity) };
+        worker.prune();
         worker.begin().map_err(StartError::Begin)?;
         worker.tell();
         let thread =
@@ -204,6 +207,8 @@ struct Worker {
     identity: Identity,
     file: Option<LogFile>,
     path: PathBuf,
+    /// The file before, and the ticks that were safe then.
+    before: (PathBuf, u64),
     status: RecorderStatus,
     notices: Vec<String>,
     /// Ticks in the file that are not yet safe.
@@ -225,6 +230,7 @@ impl Worker {
             identity,
             file: None,
             path: PathBuf::new(),
+            before: (PathBuf::new(), 0),
             status: RecorderStatus::default(),
             notices: Vec::new(),
             unsafe_ticks: 0,
@@ -307,13 +313,14 @@ impl Worker {
             self.file.take().map(LogFile::finish).transpose()?;
             self.begin()?;
         }
-        self.prune(keep_bytes);
+        self.prune();
         Ok(())
     }
 
-    /// Leaves room for the file that grows.
-    fn prune(&mut self, keep_bytes: u64) {
-        let removed = self.shelf.prune(keep_bytes - keep_bytes / PAGES, &self.path);
+    /// Leaves room for the file that grows, if the folder has a cap: in the cap, and on the disk.
+    fn prune(&mut self) {
+        let Some(keep_bytes) = self.keep_bytes else { return };
+        let removed = self.shelf.prune(keep_bytes - keep_bytes / PAGES, ROOM_BYTES, &self.path);
         if removed > 0 {
             self.notices.push(format!("recorder: {removed} of the oldest recordings removed, as --keep asks"));
         }
@@ -339,18 +346,16 @@ impl Worker {
     /// Opens the next file and makes sure that the disk takes it.
     fn begin(&mut self) -> Result<(), McapError> {
         let (path, storage) = self.shelf.open(self.status.files + 1)?;
-        let before = std::mem::replace(&mut self.path, path);
+        self.before = (std::mem::replace(&mut self.path, path), self.status.written);
         let result = LogFile::create(storage, &self.identity).and_then(|file| {
             self.file = Some(file);
             self.flush()
         });
         if let Err(error) = result {
-            // Nothing of use is in it: the one before stays the recording that is told.
             if let Some(file) = self.file.take() {
                 file.abandon();
             }
-            self.shelf.discard(&self.path);
-            self.path = before;
+            self.discard();
             return Err(error);
         }
         self.status.files += 1;
@@ -359,9 +364,16 @@ impl Worker {
         Ok(())
     }
 
+    /// Nothing of use is in the present file: the one before is the recording that is told.
+    fn discard(&mut self) {
+        self.shelf.discard(&self.path);
+        self.path = std::mem::take(&mut self.before.0);
+    }
+
     fn try_again(&mut self) {
-        if let Some(keep_bytes) = self.keep_bytes {
-            self.prune(keep_bytes);
+        self.prune();
+        if self.shelf.free_bytes() < ROOM_BYTES {
+            return self.wait_longer();
         }
         match self.begin() {
             Ok(()) => {
@@ -394,8 +406,10 @@ impl Worker {
         self.lost += std::mem::take(&mut self.unsafe_ticks);
         if let Some(file) = self.file.take() {
             self.status.bytes = file.abandon();
-            if self.status.bytes == 0 {
-                self.shelf.discard(&self.path);
+            // The first stays, whatever is in it: it is what was asked for.
+            if self.status.files > 1 && self.status.written == self.before.1 {
+                self.discard();
+                self.status.files -= 1;
             }
         }
     }

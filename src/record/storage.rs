@@ -44,9 +44,13 @@ pub trait Shelf: Send {
     fn open(&mut self, part: u32) -> io::Result<(PathBuf, Box<dyn Storage>)>;
     /// Removes a file that holds nothing of use.
     fn discard(&mut self, path: &Path);
-    /// Removes the oldest recordings until those that are left take at most so many bytes; never the present one.
-    /// Their number.
-    fn prune(&mut self, _keep_bytes: u64, _present: &Path) -> u32 {
+    /// Bytes that the disk still takes; no limit where nobody knows.
+    fn free_bytes(&self) -> u64 {
+        u64::MAX
+    }
+    /// Removes the oldest recordings until those that are left take at most so many bytes and the disk takes `room_bytes` more;
+    /// never the present one. Their number.
+    fn prune(&mut self, _keep_bytes: u64, _room_bytes: u64, _present: &Path) -> u32 {
         0
     }
 }
@@ -110,13 +114,17 @@ impl Shelf for Folder {
         drop(fs::remove_file(path));
     }
 
-    fn prune(&mut self, keep_bytes: u64, present: &Path) -> u32 {
+    fn free_bytes(&self) -> u64 {
+        free_bytes(&self.folder).unwrap_or(u64::MAX)
+    }
+
+    fn prune(&mut self, keep_bytes: u64, room_bytes: u64, present: &Path) -> u32 {
         let mut recordings = recordings(&self.folder);
         let mut total: u64 = recordings.iter().map(|(_, _, bytes)| bytes).sum();
         recordings.sort();
         let mut removed = 0;
         for (_, path, bytes) in recordings {
-            if total <= keep_bytes {
+            if total <= keep_bytes && self.free_bytes() >= room_bytes {
                 break;
             }
             if path != present && fs::remove_file(&path).is_ok() {
@@ -250,9 +258,11 @@ mod tests {
         let [old, middle, present] =
             [write("compass-a.mcap", 300), write("compass-b.mcap", 200), write("compass-c.mcap", 400)];
         let others = [write("notes.txt", 999), write("other.mcap", 999)];
-        assert_eq!(shelf.prune(2_000, &present), 1);
+        assert_eq!(shelf.prune(2_000, 0, &present), 1);
         assert!(!old.exists() && middle.exists() && present.exists() && others.iter().all(|path| path.exists()));
-        assert_eq!(shelf.prune(0, &present), 1);
-        assert!(present.exists(), "the one that is being written stays");
+        let newer = write("compass-d.mcap", 100);
+        assert_eq!(shelf.prune(u64::MAX, 0, &present), 0, "nothing asks for room");
+        assert_eq!(shelf.prune(u64::MAX, u64::MAX, &present), 2, "no disk is so large");
+        assert!(!newer.exists() && present.exists(), "the one that is being written stays");
     }
 }

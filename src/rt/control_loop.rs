@@ -9,7 +9,7 @@ use super::feed::Feed;
 use super::process::Progress;
 use super::stop::Stop;
 use super::tick::Tick;
-use crate::base::time::Span;
+use crate::base::time::{Span, Stamp};
 use crate::bus::line::SYNC_FRAME;
 use crate::bus::{SendError, Transmit};
 use crate::channel::ring::Ring;
@@ -108,18 +108,22 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
     /// The clock of the buses, when the step itself comes later.
     fn sync(&mut self, desk: &mut Desk) {
         let synced = self.awaited.synced();
-        let ends = self.wires.iter_mut().zip(&mut desk.link_down).zip(synced).filter(|(_, synced)| *synced);
-        for ((wire, down), _) in ends {
-            *down = self.progress.sent(wire.send(&SYNC_FRAME));
+        let ends = self.wires.iter_mut().zip(&mut desk.link_down).zip(synced).zip(&desk.record.feedback.health);
+        for (((wire, down), synced), health) in ends {
+            // Over a bus that stalled only its probe goes: what would wait there is played when the peer is back.
+            if synced && *health != BusHealth::Stalled {
+                *down = self.progress.sent(wire.send(&SYNC_FRAME));
+            }
         }
     }
 
     fn act(&mut self, desk: &mut Desk) {
         let begin = clock::now();
+        let until = send_until(desk.input.now, begin, self.timing.period);
         self.walk.step(&desk.input, &mut desk.record);
         let wires = self.wires.iter_mut().zip(&desk.record.output.send).zip(&mut desk.link_down);
         for (((wire, frames), down), unsent) in wires.zip(&mut desk.input.unsent) {
-            let is_fresh = || clock::now().since(begin) <= self.timing.period;
+            let is_fresh = || clock::now() <= until;
             (*down, *unsent) = send_fresh(wire.as_mut(), frames, &self.progress, is_fresh);
         }
         let step_time: Span = clock::now().since(begin);
@@ -128,6 +132,12 @@ impl<W: Walk, F: Feed> ControlLoop<W, F> {
         desk.input.step_time = step_time;
         desk.input.index += 1;
     }
+}
+
+/// What was decided in the cycle planned for `planned`, and begun at `begin`, is fresh until then. Who wakes late acts on input that
+/// is up to a period younger than the plan; who is held up between the two does not.
+fn send_until(planned: Stamp, begin: Stamp, period: Span) -> Stamp {
+    begin.min(planned + period) + period
 }
 
 /// The newest word that waits; nothing if there is none.
@@ -171,7 +181,6 @@ impl Progress {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::time::Stamp;
     use crate::msg::{BusFrame, CanFrame};
     use std::cell::Cell;
     use std::rc::Rc;
@@ -200,6 +209,15 @@ mod tests {
         let mut wire = Counting(0);
         let (_, unsent) = send_fresh(&mut wire, &frames, &Progress::default(), is_fresh);
         (wire.0, !unsent)
+    }
+
+    #[test]
+    fn who_was_held_up_before_it_decided_has_no_further_period() {
+        let (planned, period) = (Stamp(5_000_000_000), Span::from_ms(1));
+        let until = |begin_us: i64| send_until(planned, planned + Span::from_us(begin_us), period).since(planned);
+        assert_eq!(until(10), Span::from_us(1010), "a period for the step");
+        assert_eq!(until(900), Span::from_us(1900), "woken late");
+        assert_eq!(until(20_000), Span::from_us(2000), "preempted between the input and the step: too late already");
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 use super::flight::FlightRecorder;
 use super::stats::LoopStats;
+use crate::base::time::Stamp;
 use crate::channel::port::{ChannelError, Endpoint, Publisher};
 use crate::channel::ring::Ring;
 use crate::channel::topic;
@@ -49,6 +50,8 @@ pub struct Observed {
     pub stats: LoopStats,
     /// The first faults, in order.
     pub faults: Vec<Fault>,
+    /// When the first tick was.
+    pub began: Option<Stamp>,
     /// The last tick.
     pub last: Box<TickRecord>,
     /// Something was latched that is no ordinary end: neither a stop nor the switch let go.
@@ -127,6 +130,7 @@ impl Relay {
     }
 
     fn observe(&mut self, record: &TickRecord) {
+        self.observed.began.get_or_insert(record.input.now);
         self.observed.stats.observe(record);
         let new_fault = record.status.faults > self.observed.last.status.faults;
         self.observed.faulted |= new_fault && !record.status.first_fault.code.is_ordinary_end();

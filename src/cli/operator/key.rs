@@ -1,12 +1,16 @@
 //! The key that a hand holds: of an input device, or of a terminal. RT: no.
 
+use crate::base::time::Span;
 use crate::cli::UsageError;
+use crate::config::checked::Heartbeat;
+use crate::rt::clock;
+use crate::sensor::operator::device::{Look, Watch};
 use crate::sensor::operator::evdev::InputDevice;
 use anyhow::Context;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 use ratatui::crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 use std::io::{self, IsTerminal};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -24,19 +28,60 @@ pub(in crate::cli) enum KeyState {
     Quit,
 }
 
+/// Which key is held.
+#[derive(clap::Args)]
+pub(in crate::cli) struct KeyArgs {
+    /// Input device with the key (evdev) instead of the terminal
+    #[arg(long, value_name = "PATH")]
+    device: Option<PathBuf>,
+    /// Number of its key, as linux/input-event-codes.h counts (57 is the space bar, 304 the first button of a pad)
+    #[arg(long, value_name = "N", default_value_t = 57, requires = "device")]
+    key: u16,
+    /// A wireless device: number of an analogue axis that is never quite still (0 is ABS_X). Its receiver may repeat the last
+    /// state when the radio is gone
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..0x40),
+        requires = "device", requires = "heartbeat_ms")]
+    heartbeat_axis: Option<u16>,
+    /// The axis moves at least once in this time, or the key counts as let go
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u16).range(20..=1000), requires = "heartbeat_axis")]
+    heartbeat_ms: Option<u16>,
+}
+
 /// A key.
 pub(in crate::cli) enum Key {
-    Device(InputDevice, u16),
+    Device(DeviceKey),
     Terminal(Repeats),
 }
 
-impl Key {
-    /// The key with this number of an input device.
-    pub(in crate::cli) fn device(path: &Path, number: u16) -> io::Result<Self> {
-        let device = InputDevice::with_key(path, number)?;
-        Ok(Self::Device(device, number))
+/// A key of an input device.
+pub(in crate::cli) struct DeviceKey {
+    device: InputDevice,
+    number: u16,
+    heartbeat: Option<Heartbeat>,
+    watch: Watch,
+}
+
+impl DeviceKey {
+    fn open(path: &Path, args: &KeyArgs) -> io::Result<Self> {
+        let device = InputDevice::with_key(path, args.key)?;
+        let within = |ms: u16| Span::from_ms(i64::from(ms));
+        let heartbeat = args.heartbeat_axis.zip(args.heartbeat_ms);
+        let heartbeat = heartbeat.map(|(axis, ms)| Heartbeat { axis, within: within(ms) });
+        if let Some(heartbeat) = heartbeat {
+            device.require_axis(heartbeat.axis)?;
+        }
+        Ok(Self { device, number: args.key, heartbeat, watch: Watch::new(heartbeat) })
     }
 
+    /// Held, by the same rules as a device of the robot itself: seen released first, and alive.
+    fn is_held(&mut self) -> io::Result<bool> {
+        let [held] = self.device.down([self.number])?;
+        let axis = self.heartbeat.map(|heartbeat| self.device.axis(heartbeat.axis)).transpose()?;
+        Ok(self.watch.take(clock::now(), Some(Look { held, zero: false, axis })).dead_man)
+    }
+}
+
+impl Key {
     /// The space bar of the terminal, which is put into raw mode.
     fn terminal() -> io::Result<Self> {
         enable_raw_mode()?;
@@ -44,9 +89,11 @@ impl Key {
     }
 
     /// The key that these arguments name: of a device, or of this terminal.
-    pub(in crate::cli) fn open(device: Option<&Path>, number: u16) -> anyhow::Result<Self> {
-        match device {
-            Some(path) => Self::device(path, number).with_context(|| format!("--device {}", path.display())),
+    pub(in crate::cli) fn open(args: &KeyArgs) -> anyhow::Result<Self> {
+        match &args.device {
+            Some(path) => {
+                DeviceKey::open(path, args).map(Self::Device).with_context(|| format!("--device {}", path.display()))
+            }
             None if io::stdin().is_terminal() => Ok(Self::terminal()?),
             None => {
                 let what = "a dead-man switch wants a hand: stdin is no terminal. Run it in one, or name a --device";
@@ -58,9 +105,9 @@ impl Key {
     /// Waits so long, then says what the person does.
     pub(in crate::cli) fn wait(&mut self, pause: Duration) -> io::Result<KeyState> {
         match self {
-            Self::Device(device, number) => {
+            Self::Device(key) => {
                 sleep(pause);
-                device.down([*number]).map(|[held]| KeyState::Switch(held))
+                key.is_held().map(KeyState::Switch)
             }
             Self::Terminal(repeats) => wait_in_terminal(repeats, pause),
         }

@@ -183,7 +183,7 @@ fn write_flight(
     }
     file.finish()?;
     if let Some(keep) = keep {
-        shelf.prune(keep / 10, &path);
+        shelf.prune(keep / 10, 0, &path);
     }
     Ok(path)
 }

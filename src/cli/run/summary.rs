@@ -1,6 +1,7 @@
 //! The end of a run in a few lines. RT: no.
 
 use super::sinks::Closed;
+use crate::base::time::Stamp;
 use crate::msg::{Fault, TickRecord};
 use crate::rt::process::Summary;
 use crate::rt::stats::Percentiles;
@@ -18,7 +19,8 @@ pub(super) fn write(out: &mut impl Write, summary: &Summary, closed: &Closed) ->
     }
     write_times(out, "wake-up", &summary.observed.stats.wake.percentiles())?;
     write_times(out, "step", &summary.observed.stats.step.percentiles())?;
-    write_faults(out, last.status.faults, &summary.observed.faults)?;
+    let began = summary.observed.began.unwrap_or_default();
+    write_faults(out, last.status.faults, &summary.observed.faults, began)?;
     write_drops(out, summary, last)?;
     match (summary.allocations, summary.page_faults) {
         (Some(allocations), Some(faults)) => {
@@ -33,7 +35,12 @@ pub(super) fn write(out: &mut impl Write, summary: &Summary, closed: &Closed) ->
         writeln!(out, "note        {notice}")?;
     }
     if let Some((path, status)) = &closed.recorded {
-        writeln!(out, "recorded    {}: {} ticks, {} lost", path.display(), status.written, status.dropped)?;
+        let before = match status.files {
+            0 | 1 => String::new(),
+            files => format!(" and {} before it", files - 1),
+        };
+        let (file, written, lost) = (path.display(), status.written, status.dropped);
+        writeln!(out, "recorded    {file}{before}: {written} ticks, {lost} lost")?;
     }
     Ok(())
 }
@@ -45,10 +52,10 @@ fn write_times(out: &mut impl Write, name: &str, p: &Percentiles) -> io::Result<
 }
 
 /// Those beyond the first ones are only counted; that the switch was let go or the program asked to stop is no fault.
-fn write_faults(out: &mut impl Write, count: u32, first: &[Fault]) -> io::Result<()> {
+fn write_faults(out: &mut impl Write, count: u32, first: &[Fault], began: Stamp) -> io::Result<()> {
     let ordinary = first.iter().filter(|fault| fault.code.is_ordinary_end());
     for Fault { code, stamp, .. } in ordinary.clone() {
-        writeln!(out, "ended       {} at {:.3} s", code.name(), stamp.as_s())?;
+        writeln!(out, "ended       {} at {:.3} s", code.name(), stamp.since(began).as_s())?;
     }
     let faults = count.saturating_sub(u32::try_from(ordinary.count()).unwrap_or(0));
     if faults == 0 {
@@ -56,7 +63,7 @@ fn write_faults(out: &mut impl Write, count: u32, first: &[Fault]) -> io::Result
     }
     writeln!(out, "faults      {faults}")?;
     for fault in first.iter().filter(|fault| !fault.code.is_ordinary_end()) {
-        writeln!(out, "            {fault} at {:.3} s", fault.stamp.as_s())?;
+        writeln!(out, "            {fault} at {:.3} s", fault.stamp.since(began).as_s())?;
     }
     Ok(())
 }

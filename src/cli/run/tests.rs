@@ -55,11 +55,12 @@ fn ended(faulted: bool, panicked: bool) -> Summary {
 
 #[test]
 fn a_release_ends_in_0_a_fault_in_1_and_a_panic_of_any_thread_in_70() {
-    assert_eq!(outcome(&ended(false, false), 0).unwrap(), Outcome::Fine);
-    assert_eq!(outcome(&ended(true, false), 0).unwrap(), Outcome::Finding);
+    assert_eq!(outcome(&ended(false, false), 0, 0).unwrap(), Outcome::Fine);
+    assert_eq!(outcome(&ended(true, false), 0, 0).unwrap(), Outcome::Finding);
+    assert_eq!(outcome(&ended(false, false), 1, 0).unwrap(), Outcome::Finding, "a tick that was not recorded");
     for (panicked, counted) in [(true, 0), (false, 1)] {
         let summary = ended(false, panicked);
-        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| outcome(&summary, counted)));
+        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| outcome(&summary, 0, counted)));
         assert!(result.is_err(), "which the exit code 70 is made of");
     }
 }

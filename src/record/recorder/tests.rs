@@ -125,6 +125,21 @@ impl Shelf for SmallDisk {
     fn discard(&mut self, path: &Path) {
         fs::remove_file(path).unwrap();
     }
+    fn free_bytes(&self) -> u64 {
+        self.room.load(Ordering::Relaxed).cast_unsigned()
+    }
+    fn prune(&mut self, _keep_bytes: u64, room_bytes: u64, present: &Path) -> u32 {
+        let mut removed = 0;
+        for path in (1..10).map(|part| self.folder.join(format!("{part}.mcap"))).filter(|path| path != present) {
+            let Ok(metadata) = fs::metadata(&path).ok().filter(|_| self.free_bytes() < room_bytes).ok_or(()) else {
+                continue;
+            };
+            fs::remove_file(&path).unwrap();
+            self.room.fetch_add(metadata.len().cast_signed(), Ordering::Relaxed);
+            removed += 1;
+        }
+        removed
+    }
 }
 
 impl Write for SmallDiskFile {
@@ -159,10 +174,23 @@ impl Storage for SmallDiskFile {
 }
 
 fn small_disk(room: i64, sync_time: Duration) -> (Recorder, tempfile::TempDir, Arc<AtomicI64>) {
+    small_disk_keeping(room, sync_time, None, &[])
+}
+
+/// The same; `older`: recordings of so many bytes each are there already.
+fn small_disk_keeping(
+    room: i64,
+    sync_time: Duration,
+    keep_bytes: Option<u64>,
+    older: &[usize],
+) -> (Recorder, tempfile::TempDir, Arc<AtomicI64>) {
     let folder = tempfile::tempdir().unwrap();
+    for (part, bytes) in (5..).zip(older) {
+        fs::write(folder.path().join(format!("{part}.mcap")), vec![0; *bytes]).unwrap();
+    }
     let room = Arc::new(AtomicI64::new(room));
     let disk = SmallDisk { folder: folder.path().to_owned(), room: room.clone(), sync_time };
-    let recorder = Recorder::start_on(Box::new(disk), Identity::new(&default_config()), None);
+    let recorder = Recorder::start_on(Box::new(disk), Identity::new(&default_config()), keep_bytes);
     (recorder.unwrap_or_else(|_| panic!("start")), folder, room)
 }
 
@@ -174,7 +202,7 @@ fn wait_until(recorder: &Recorder, what: impl Fn(&RecorderStatus) -> bool) {
 
 #[test]
 fn full_disk_costs_ticks_which_are_counted_and_told_and_recording_goes_on_when_there_is_room() {
-    let (recorder, folder, room) = small_disk(400_000, Duration::ZERO);
+    let (recorder, folder, room) = small_disk(4_000_000, Duration::ZERO);
     let mut next = 0;
     while recorder.status().state != RecorderState::DiskFull {
         recorder.push(&tick(next));
@@ -182,6 +210,7 @@ fn full_disk_costs_ticks_which_are_counted_and_told_and_recording_goes_on_when_t
         thread::sleep(Duration::from_millis(1));
     }
     let safe = recorder.status().written;
+    assert!(safe > 0);
     let notice = recorder.take_notices().concat();
     assert!(notice.contains("ticks are safe") && notice.contains("no storage space"), "the cause is named: {notice}");
     assert!(
@@ -202,6 +231,42 @@ fn full_disk_costs_ticks_which_are_counted_and_told_and_recording_goes_on_when_t
     assert_eq!(status.files, 2);
     let (ticks, _) = read_all(&folder.path().join("2.mcap"));
     assert_eq!(ticks.last().unwrap().input.index, next + 9);
+}
+
+#[test]
+fn a_disk_that_stays_full_gets_no_further_files() {
+    let (recorder, folder, room) = small_disk(4_000_000, Duration::ZERO);
+    let mut next = 0;
+    while recorder.status().state != RecorderState::DiskFull {
+        recorder.push(&tick(next));
+        next += 1;
+        thread::sleep(Duration::from_millis(1));
+    }
+    // Room for a head and some ticks is none.
+    room.store(1_000_000, Ordering::Relaxed);
+    thread::sleep(RETRY_FIRST + 10 * POLL);
+    assert_eq!((recorder.status().files, fs::read_dir(folder.path()).unwrap().count()), (1, 1));
+    assert!(recorder.finish().written > 0);
+}
+
+#[test]
+fn with_a_cap_the_oldest_make_room_on_a_full_disk_at_the_start_and_on_the_way() {
+    let older = [20 << 20; 2];
+    let (recorder, folder, room) = small_disk_keeping(0, Duration::ZERO, Some(1 << 40), &older);
+    let exists = |part: u32| folder.path().join(format!("{part}.mcap")).exists();
+    assert_eq!([5, 6].map(exists), [false, true], "one makes room enough");
+    room.store(1_000, Ordering::Relaxed);
+    let mut index = 0;
+    while exists(6) {
+        recorder.push(&tick(index));
+        index += 1;
+        thread::sleep(Duration::from_millis(1));
+    }
+    wait_until(&recorder, |status| status.state == RecorderState::Recording);
+    recorder.push(&tick(index));
+    index += 1;
+    let status = recorder.finish();
+    assert_eq!((status.state, status.written + status.dropped), (RecorderState::Finished, index));
 }
 
 #[test]
