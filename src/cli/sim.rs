@@ -34,7 +34,7 @@ Examples:
   compass sim --for 30 --record recordings/
   compass sim --set control.observer_epsilon_s=0.02 --set control.lqr_r=0.01    thesis 4.4: it rings at 10 Hz
   compass sim --fault bus_off@3s:bus=1,for=200ms --fault imu_stall@6s
-  compass sim --fault list           every fault, one a line; `table`: what the robot does about each (half a minute)
+  compass sim --fault list           every fault, one a line; `table`: what the robot does about each (15 s)
   compass sim --soak 1000 --for 4    random faults, many times
   compass sim --set control.stance=outer --set sim.stance=outer --seed 7
 
