@@ -10,6 +10,7 @@ use std::time::Duration;
 use anyhow::Context;
 
 use super::config_args::ConfigArgs;
+use super::output::spare_inputs;
 use super::{Outcome, Run, progress};
 use crate::config::Resolved;
 use crate::config::checked::Config;
@@ -84,6 +85,7 @@ impl Run for Args {
         if let (Some(case), "identify") = (&self.case, self.what.as_str()) {
             return fit_time::run(case, &self.horizons, self.iterations);
         }
+        spare_inputs("--html", &self.html, &self.config.files())?;
         let resolved = self.config.load()?;
         let config = &resolved.config;
         // As the robot runs, and as cyclictest does for itself.

@@ -1,5 +1,6 @@
 //! The configuration on the command line, alike in every subcommand: `--config F`, `--set key=value`. RT: no.
 
+use super::output::files_in;
 use crate::config::fault::Place;
 use crate::config::{self, Choice, Errors, Resolved};
 use std::io::{self, Write};
@@ -36,6 +37,12 @@ impl ConfigArgs {
     /// Everything that is wrong, at once.
     pub fn load_with_faults(&self, faults: &[String], place: Place) -> Result<Resolved, Errors> {
         self.load_choice(faults, Some(place))
+    }
+
+    /// The files that it comes from.
+    pub(super) fn files(&self) -> Vec<PathBuf> {
+        let of_path = |path: &PathBuf| if path.is_dir() { files_in(path) } else { vec![path.clone()] };
+        self.path.iter().flat_map(of_path).chain(self.model.clone()).collect()
     }
 
     fn load_choice(&self, faults: &[String], place: Option<Place>) -> Result<Resolved, Errors> {

@@ -1,6 +1,7 @@
 //! `compass diagnose CASE`: what physics is missing in a simulation. RT: no.
 
-use super::{Outcome, Run, progress, warn};
+use super::output::{files_in, spare_inputs};
+use super::{Outcome, Run, UsageError, progress, warn};
 use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
 use crate::diagnose::pipeline::{Answer, Options, diagnose};
@@ -48,6 +49,9 @@ pub(crate) struct Args {
     verbose: bool,
 }
 
+/// What goes into the folder.
+const ANSWERS: [&str; 3] = ["diagnosis.json", "model.toml", "report.html"];
+
 /// A part between 0 and 1.
 fn part(text: &str) -> Result<f64, String> {
     let part: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
@@ -56,6 +60,7 @@ fn part(text: &str) -> Result<f64, String> {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        self.spare_inputs()?;
         let experiment = Experiment::load(&self.case_folder()?)?;
         warn::of_input(&experiment.recordings)?;
         let spinner = progress::spinner("diagnosing");
@@ -91,6 +96,13 @@ fn lines(comparisons: &[Comparison]) -> anyhow::Result<String> {
 }
 
 impl Args {
+    /// Neither the case nor a recording of the robot may be replaced by an answer.
+    fn spare_inputs(&self) -> Result<(), UsageError> {
+        let inputs = [self.own.clone(), self.case.as_deref().map(files_in).unwrap_or_default()].concat();
+        spare_inputs("--out", ANSWERS.map(|name| self.out.join(name)), &inputs)?;
+        spare_inputs("--trace", &self.trace, &inputs)
+    }
+
     /// The case as named, or the one that is made of our own recordings.
     fn case_folder(&self) -> anyhow::Result<PathBuf> {
         if let Some(case) = &self.case {
@@ -109,12 +121,8 @@ impl Args {
     fn write(&self, answer: &Answer) -> anyhow::Result<()> {
         fs::create_dir_all(&self.out).with_context(|| self.out.display().to_string())?;
         let json = serde_json::to_string_pretty(&answer.findings.diagnosis)? + "\n";
-        let files = [
-            ("diagnosis.json", json),
-            ("model.toml", answer.model.to_toml()),
-            ("report.html", page::html(&answer.findings)),
-        ];
-        for (name, text) in files {
+        let texts = [json, answer.model.to_toml(), page::html(&answer.findings)];
+        for (name, text) in ANSWERS.into_iter().zip(texts) {
             let path = self.out.join(name);
             fs::write(&path, text).with_context(|| path.display().to_string())?;
         }

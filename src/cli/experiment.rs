@@ -1,6 +1,7 @@
 //! `compass experiment`: many runs in lockstep, what they say together, as `results.json` and a page. RT: no.
 
 use super::config_args::ConfigArgs;
+use super::output::spare_inputs;
 use super::{Outcome, Run, UsageError, progress};
 use crate::experiment::campaign::{Base, Campaign, CampaignError, Effort, Progress};
 use crate::experiment::ledger::{Ledger, write_whole};
@@ -51,8 +52,13 @@ pub(crate) struct Args {
     config: ConfigArgs,
 }
 
+/// What goes into the folder, beside the records.
+const RESULTS: [&str; 3] = ["results.json", "report.html", "plots.svg"];
+
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        let inputs = [self.config.files(), vec![self.file.clone()]].concat();
+        spare_inputs("--out", RESULTS.map(|name| self.out.join(name)), &inputs)?;
         let text = fs::read_to_string(&self.file).with_context(|| self.file.display().to_string())?;
         let mut plan = Plan::parse(&text).map_err(|e| UsageError(format!("{}: {e}", self.file.display())))?;
         plan.seeds = self.seeds.unwrap_or(plan.seeds);
@@ -97,13 +103,14 @@ impl Args {
         let leg_length_m = self.config.load()?.config.body().leg_length_m.value;
         let told = draw::page(&name, &results, leg_length_m);
         let json = serde_json::to_string_pretty(&results)?;
-        write_whole(&self.out.join("results.json"), json.as_bytes()).context("results.json")?;
-        write_whole(&self.out.join("report.html"), page::experiment(&told).as_bytes()).context("report.html")?;
+        let [results_json, report_html, plots_svg] = RESULTS;
+        write_whole(&self.out.join(results_json), json.as_bytes()).context(results_json)?;
+        write_whole(&self.out.join(report_html), page::experiment(&told).as_bytes()).context(report_html)?;
         let plots: Vec<Plot> = told.chapters.iter().flat_map(|chapter| chapter.plots.clone()).collect();
         // One speed on one floor is nothing to draw over.
         let is_drawn = !plots.is_empty();
         if is_drawn {
-            write_whole(&self.out.join("plots.svg"), sheet(&plots).as_bytes()).context("plots.svg")?;
+            write_whole(&self.out.join(plots_svg), sheet(&plots).as_bytes()).context(plots_svg)?;
         }
         let mut out = io::stdout().lock();
         writeln!(out, "{}\n", told.headline)?;

@@ -1,5 +1,6 @@
 //! `compass identify CASE`: parameters by simulation error, and which of them the data determines. RT: no.
 
+use super::output::{files_in, spare_inputs};
 use super::{Outcome, Run, progress, warn};
 use crate::diagnose::identification::{Identification, identify_with, with_offsets};
 use crate::diagnose::supposed::Supposed;
@@ -36,8 +37,12 @@ pub(crate) struct Args {
     add: Vec<Supposed>,
 }
 
+/// What goes into the folder.
+const ANSWERS: [&str; 3] = ["model.toml", "identified.json", "report.html"];
+
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        spare_inputs("--out", ANSWERS.map(|name| self.out.join(name)), &files_in(&self.case))?;
         let mut experiment = Experiment::load(&self.case)?;
         if self.offsets {
             experiment = with_offsets(&experiment);
@@ -57,12 +62,8 @@ impl Args {
     fn write(&self, done: &Identification) -> anyhow::Result<()> {
         fs::create_dir_all(&self.out).with_context(|| self.out.display().to_string())?;
         let json = serde_json::to_string_pretty(&done.found.summary())?;
-        let files = [
-            ("model.toml", done.model.to_toml()),
-            ("identified.json", json),
-            ("report.html", page::identification(&done.found)),
-        ];
-        for (name, text) in files {
+        let texts = [done.model.to_toml(), json, page::identification(&done.found)];
+        for (name, text) in ANSWERS.into_iter().zip(texts) {
             let path = self.out.join(name);
             fs::write(&path, text).with_context(|| path.display().to_string())?;
         }

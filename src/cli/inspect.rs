@@ -2,6 +2,7 @@
 
 mod page;
 
+use super::output::spare_inputs;
 use super::{Outcome, Run};
 use crate::base::spectrum::band_rms;
 use crate::base::time::Stamp;
@@ -51,6 +52,9 @@ pub(crate) struct Args {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        let input = std::slice::from_ref(&self.recording);
+        spare_inputs("--page", &self.page, input)?;
+        spare_inputs("--animation", &self.animation, input)?;
         if let Some(band) = self.band {
             write_band(&mut io::stdout().lock(), &self.recording, band, self.from)?;
             return Ok(Outcome::Fine);

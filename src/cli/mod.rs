@@ -17,6 +17,7 @@ mod imu_probe;
 mod inspect;
 mod operator;
 mod outcome;
+mod output;
 mod plan;
 mod plant;
 mod predict;
@@ -122,6 +123,18 @@ pub fn main() -> ExitCode {
 mod tests {
     use super::*;
     use clap::CommandFactory;
+
+    /// What is said of a command line that must end with exit code 2.
+    pub(super) fn usage_error(arguments: &[&str]) -> String {
+        let cli = match Cli::try_parse_from(["compass"].iter().chain(arguments)) {
+            Ok(cli) => cli,
+            // clap itself ends with 2.
+            Err(error) => return error.to_string(),
+        };
+        let error = cli.command.run().expect_err(&arguments.join(" "));
+        assert!(outcome::is_usage(&error), "{arguments:?} would end with 3: {error:#}");
+        format!("{error:#}")
+    }
 
     #[test]
     fn command_tree_is_consistent() {

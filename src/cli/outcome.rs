@@ -46,9 +46,12 @@ fn report(error: &anyhow::Error) -> u8 {
         return FINE;
     }
     tell(&format!("compass: {error:#}"));
-    let is_usage =
-        error.chain().any(|cause| cause.is::<UsageError>() || cause.is::<config::Errors>() || cause.is::<WorldError>());
-    if is_usage { USAGE } else { INPUT }
+    if is_usage(error) { USAGE } else { INPUT }
+}
+
+/// The person can put it right on the command line or in the configuration.
+pub(super) fn is_usage(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| cause.is::<UsageError>() || cause.is::<config::Errors>() || cause.is::<WorldError>())
 }
 
 fn report_panic(cause: &(dyn Any + Send)) -> u8 {

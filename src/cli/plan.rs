@@ -5,6 +5,7 @@ mod show;
 mod tree;
 
 use super::config_args::ConfigArgs;
+use super::output::spare_inputs;
 use super::{Outcome, Run, UsageError, progress};
 use crate::config::checked::Config;
 use crate::control::tables::{PhaseTable, PlanFile};
@@ -176,7 +177,7 @@ impl Run for Args {
             Task::Gait { step, speed, terms } => {
                 positive("--step", step)?;
                 positive("--speed", speed)?;
-                let config = terms.config.load()?.config;
+                let config = terms.load(&[])?;
                 terms.make("gait", &terms.terms(&config)?.gait(step, speed), None)
             }
             Task::Rebalance { stance, step, from, terms } => {
@@ -187,26 +188,26 @@ impl Run for Args {
                     }
                     None => STEPS_M,
                 };
-                let config = terms.config.load()?.config;
+                let config = terms.load(&[])?;
                 let from = [from[0], from[1], from[2], from[3]];
                 terms.make("rebalance", &terms.terms(&config)?.rebalance(stance.into(), from, range), None)
             }
             Task::StepIn { gait, stance, steps, terms } => {
-                let config = terms.config.load()?.config;
+                let config = terms.load(&[&gait])?;
                 let leg = Leg::from(stance);
                 let entry = entry(&gait, &config, after(leg, steps)?)?;
                 let problem = terms.terms(&config)?.join(leg, [0.0; 4], steps, STEPS_M, entry.state);
                 terms.make("step-in", &problem, Some(&entry.cost))
             }
             Task::Stop { gait, stance, steps, terms } => {
-                let config = terms.config.load()?.config;
+                let config = terms.load(&[&gait])?;
                 let leg = Leg::from(stance);
                 after(leg, steps)?;
                 let exit = entry(&gait, &config, leg)?;
                 terms.make("stop", &terms.terms(&config)?.stop(leg, exit.state, steps, STEPS_M), None)
             }
             Task::Change { gait, to, stance, steps, terms } => {
-                let config = terms.config.load()?.config;
+                let config = terms.load(&[&gait, &to])?;
                 let leg = Leg::from(stance);
                 let (exit, entry) = (entry(&gait, &config, leg)?, entry(&to, &config, after(leg, steps)?)?);
                 let problem = terms.terms(&config)?.join(leg, exit.state, steps, STEPS_M, entry.state);
@@ -258,6 +259,13 @@ fn positive(name: &str, value: f64) -> Result<(), UsageError> {
 }
 
 impl TermArgs {
+    /// The configuration; neither it nor a plan that is read may be replaced by the new plan.
+    fn load(&self, plans: &[&PathBuf]) -> anyhow::Result<Config> {
+        let plans = plans.iter().copied().cloned();
+        spare_inputs("--out", [&self.out], &plans.chain(self.config.files()).collect::<Vec<_>>())?;
+        Ok(self.config.load()?.config)
+    }
+
     fn terms(&self, config: &Config) -> Result<Terms, UsageError> {
         let toe = &config.robot.toe;
         let retract_m = self.retract_mm.map_or(toe.extended_m, |mm| mm / 1000.0);

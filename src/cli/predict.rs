@@ -1,5 +1,6 @@
 //! `compass predict MODEL.toml [RECORDING.csv]`: free runs of a model, as the diagnosis contract defines them. RT: no.
 
+use super::output::spare_inputs;
 use super::{Outcome, Run, UsageError, warn};
 use crate::identify::experiment::{Recording, load_rig};
 use crate::identify::outliers::clean;
@@ -48,6 +49,7 @@ impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
         let mut rig = load_rig(&self.model)?;
         let targets = self.targets(&mut rig)?;
+        self.spare_inputs(&rig, &targets)?;
         let mut table = Table::new(&[
             ("recording", Align::Left),
             ("use", Align::Left),
@@ -106,6 +108,31 @@ impl Args {
         Ok(vec![(index, path.clone())])
     }
 
+    /// Neither the model nor a recording may be replaced by a prediction or its plot.
+    fn spare_inputs(&self, rig: &Rig, targets: &[(usize, PathBuf)]) -> Result<(), UsageError> {
+        let Some(out) = &self.out else { return Ok(()) };
+        let beside = |path: &PathBuf| rig.recordings.iter().map(|r| path.with_file_name(&r.file)).collect::<Vec<_>>();
+        let recordings = targets.iter().flat_map(|(_, path)| [beside(path), vec![path.clone()]].concat());
+        let inputs: Vec<PathBuf> = recordings.chain([self.model.clone()]).collect();
+        for (index, _) in targets {
+            let name = rig.recordings.get(*index).map_or("", |r| &r.file);
+            let (file, plot) = self.files(out, name);
+            if file == plot {
+                let what = "is where the plot goes; must end in another way, such as .csv";
+                return Err(UsageError(format!("--out: {}: {what}", file.display())));
+            }
+            spare_inputs("--out", [file, plot], &inputs)?;
+        }
+        Ok(())
+    }
+
+    /// Where the prediction of a recording goes, and its plot.
+    fn files(&self, out: &Path, recording: &str) -> (PathBuf, PathBuf) {
+        let file = if self.recording.is_some() { out.to_owned() } else { out.join(recording) };
+        let plot = file.with_extension("svg");
+        (file, plot)
+    }
+
     /// A recording that the file does not name.
     fn entry(&self, rig: &Rig, file: String) -> anyhow::Result<RecordingEntry> {
         let setup = self
@@ -146,18 +173,15 @@ impl Args {
     /// The prediction as CSV, and a plot of measured against simulated beside it.
     fn write(&self, rig: &Rig, recording: &Recording, run: &FreeRun) -> anyhow::Result<()> {
         let Some(out) = &self.out else { return Ok(()) };
-        let file = if self.recording.is_some() {
-            out.clone()
-        } else {
+        if self.recording.is_none() {
             fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-            out.join(&recording.name)
-        };
+        }
+        let (file, plot) = self.files(out, &recording.name);
         let names: Vec<&str> = rig.sensors.iter().map(|s| s.column.as_str()).collect();
         fs::write(&file, csv(&recording.times, &names, &run.predicted)).with_context(|| file.display().to_string())?;
         let channels = names.iter().zip(recording.measured.iter().zip(&run.predicted));
         let channels: Vec<(&str, &[f64], &[f64])> =
             channels.map(|(name, (y, p))| (*name, y.as_slice(), p.as_slice())).collect();
-        let plot = file.with_extension("svg");
         fs::write(&plot, comparison(&recording.times, &channels)).with_context(|| plot.display().to_string())
     }
 }

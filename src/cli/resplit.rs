@@ -8,8 +8,9 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 
-use super::score::{diagnose, find_cases};
-use super::{Outcome, progress};
+use super::output::{is_same, spare_inputs};
+use super::score::{diagnose, find_cases, inputs};
+use super::{Outcome, UsageError, progress};
 use crate::trial::resplit::{Report, Row, Settler, Variant, mark, write_variants};
 use crate::trial::score::{Answer, Hardware, RunEnd, Runner, Truth, names};
 
@@ -47,6 +48,8 @@ impl Plan<'_> {
             bail!("--variants 0: at least one");
         }
         let truths = self.truths()?;
+        let further = self.recordings.iter().flat_map(|more| truths.keys().map(|case| more.join(case)));
+        self.spare_inputs(truths.values().map(|(folder, _)| folder.clone()).chain(further).collect())?;
         let variants = self.write(truths.keys())?;
         let program = std::env::current_exe().context("path of this program")?;
         let settler = Settler {
@@ -92,6 +95,16 @@ impl Plan<'_> {
             }
         });
         self.tell(&Report { seed: self.seed, rows: rows.collect() })
+    }
+
+    /// Neither a case nor what is known of it may be replaced by variants or the table.
+    fn spare_inputs(&self, cases: Vec<PathBuf>) -> Result<(), UsageError> {
+        let variants = self.out.join("cases");
+        if is_same(&variants, self.cases) {
+            let what = "holds the cases themselves; the variants must go to another folder";
+            return Err(UsageError(format!("--out: {}: {what}", variants.display())));
+        }
+        spare_inputs("--table", self.table, &inputs(&cases, self.truth))
     }
 
     /// Folder and truth of each case.

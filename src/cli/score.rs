@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 
-use super::{Outcome, Run, progress};
+use super::output::{files_in, is_same, spare_inputs};
+use super::{Outcome, Run, UsageError, progress};
 use crate::trial::score::{CaseMark, Row, RunEnd, Runner, case_table, row, totals_table};
 
 /// Diagnose every case of a folder, compare with the truth, print the table.
@@ -53,6 +54,8 @@ impl Run for Args {
             limit: Duration::from_secs(self.limit_s),
             reuse: self.reuse,
         };
+        spare_cases(&runner, &cases)?;
+        spare_inputs("--out", &self.out, &inputs(&cases, &self.truth))?;
         let rows = score(&runner, &cases, &diagnose(&runner, &cases), &self.truth);
         if self.answers.is_none() {
             // A folder that stays behind is no reason to lose the table.
@@ -60,6 +63,20 @@ impl Run for Args {
         }
         print(&rows, self.out.as_deref())
     }
+}
+
+/// All files that are read: those of the cases and what is known of them.
+pub(super) fn inputs(cases: &[PathBuf], truth: &Path) -> Vec<PathBuf> {
+    cases.iter().map(PathBuf::as_path).chain([truth]).flat_map(files_in).collect()
+}
+
+/// No answer may go into the folder of its case.
+fn spare_cases(runner: &Runner, cases: &[PathBuf]) -> Result<(), UsageError> {
+    let is_hit = |case: &&PathBuf| runner.answer_of(case).parent().is_some_and(|answer| is_same(answer, case));
+    cases.iter().find(is_hit).map_or(Ok(()), |case| {
+        let what = "the answer would go into the case; must be a folder without cases";
+        Err(UsageError(format!("--answers: {}: {}: {what}", runner.answers.display(), case.display())))
+    })
 }
 
 /// Diagnoses all cases, telling of failures on stderr.
@@ -98,7 +115,9 @@ pub(super) fn print(rows: &[Row], out: Option<&Path>) -> anyhow::Result<Outcome>
 /// Case folders in order of their names: `folder` itself if it holds a rig, else its children that do.
 pub(super) fn find_cases(folder: &Path, only: Option<&str>) -> anyhow::Result<Vec<PathBuf>> {
     if folder.join("rig.toml").exists() {
-        return Ok(vec![folder.to_path_buf()]);
+        // An answer is named like its case; `.` has no name.
+        let named = if folder.file_name().is_some() { folder.to_path_buf() } else { folder.canonicalize()? };
+        return Ok(vec![named]);
     }
     let mut cases = Vec::new();
     for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {

@@ -1,5 +1,6 @@
 //! `compass simulate RIG --input IN.csv --out OUT.csv`: makes a recording from a rig. RT: no.
 
+use super::output::spare_inputs;
 use super::predict::csv;
 use super::{Outcome, Run, UsageError};
 use crate::identify::experiment::{Recording, load_rig};
@@ -92,6 +93,7 @@ impl Args {
     }
 
     fn recording(&self, rig: &Path, input: &Path) -> anyhow::Result<Outcome> {
+        spare_inputs("--out", [&self.out], &[rig.to_owned(), input.to_owned()])?;
         let mut rig = load_rig(rig)?;
         let setup = match &self.setup {
             None => None,

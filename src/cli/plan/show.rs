@@ -1,6 +1,7 @@
 //! `compass plan show`: a plan as a page. RT: no.
 
 use crate::cli::config_args::ConfigArgs;
+use crate::cli::output::spare_inputs;
 use crate::cli::{Outcome, Run};
 use crate::control::tables::{PhaseTable, PlanFile};
 use crate::model::compass_gait::dynamics::friction;
@@ -29,6 +30,7 @@ const INSTANTS: u32 = 200;
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        spare_inputs("--out", [&self.out], &[self.config.files(), vec![self.file.clone()]].concat())?;
         let config = self.config.load()?.config;
         let robot = config.robot.model.params();
         let plan = PlanFile::read(&self.file, &robot)?;

@@ -1,6 +1,7 @@
 //! `compass plan tree`: grows an LQR-tree, and measures what it covers. RT: no.
 
 use super::super::config_args::ConfigArgs;
+use super::super::output::spare_inputs;
 use super::super::{Outcome, UsageError, progress};
 use crate::design::tree::coverage::{Coverage, check};
 use crate::design::tree::grow::Grower;
@@ -54,6 +55,8 @@ impl Args {
         if !(self.friction.is_finite() && self.friction > 0.0) {
             return Err(UsageError(format!("--friction {}: must be positive", self.friction)).into());
         }
+        // The tree itself is gone on with.
+        spare_inputs("--out", [&self.out], &self.config.files())?;
         let config = self.config.load()?.config;
         let terms = Terms {
             hip_torque_nm: config.robot.limits.hip_torque_nm,

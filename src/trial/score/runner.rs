@@ -80,11 +80,12 @@ impl Runner {
     }
 
     fn spawn(&self, case: &Path) -> std::io::Result<Child> {
-        let out = self.answers.join(case.file_name().unwrap_or_default());
-        if out.exists() {
-            std::fs::remove_dir_all(&out)?;
-        }
+        let (out, answer) = (self.answers.join(case.file_name().unwrap_or_default()), self.answer_of(case));
         std::fs::create_dir_all(&out)?;
+        // An old answer must not pass for one of this run. Whatever else lies in the folder is not ours to remove.
+        if answer.exists() {
+            std::fs::remove_file(&answer)?;
+        }
         let talk = std::fs::File::create(out.join("stderr.txt"))?;
         let cores = thread::available_parallelism().map_or(1, usize::from);
         Command::new(&self.program)
