@@ -1,6 +1,6 @@
 //! `compass diagnose CASE`: what physics is missing in a simulation. RT: no.
 
-use super::output::{files_in, spare_inputs};
+use super::output::{files_in, is_same, spare_case, spare_inputs};
 use super::{Outcome, Run, UsageError, progress, warn};
 use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
@@ -11,7 +11,7 @@ use crate::report::page;
 use anyhow::Context;
 use std::fs;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Compares a simulation with recordings and says what physics is missing: the sentence on stdout, files into DIR.
 #[derive(clap::Args)]
@@ -32,7 +32,7 @@ pub(crate) struct Args {
     /// Recordings of the robot itself, against the model that is inside them
     #[arg(long, value_name = "REC.mcap", num_args = 1..)]
     own: Vec<PathBuf>,
-    /// Folder for diagnosis.json, model.toml and report.html; made if it is not there
+    /// Folder for diagnosis.json, model.toml and report.html; made if it is not there. Not the case itself
     #[arg(long, value_name = "DIR", default_value = "diagnosis")]
     out: PathBuf,
     /// Seed of every random draw
@@ -89,6 +89,12 @@ impl Run for Args {
     }
 }
 
+/// The file is, or would be, one of the folder's.
+fn lies_in(file: &Path, folder: Option<&Path>) -> bool {
+    let parent = file.parent().map(|parent| if parent.as_os_str().is_empty() { Path::new(".") } else { parent });
+    parent.zip(folder).is_some_and(|(parent, folder)| is_same(parent, folder))
+}
+
 /// A line of JSON for each comparison.
 fn lines(comparisons: &[Comparison]) -> anyhow::Result<String> {
     let lines: Vec<String> = comparisons.iter().map(serde_json::to_string).collect::<Result<_, _>>()?;
@@ -98,7 +104,13 @@ fn lines(comparisons: &[Comparison]) -> anyhow::Result<String> {
 impl Args {
     /// Neither the case nor a recording of the robot may be replaced by an answer.
     fn spare_inputs(&self) -> Result<(), UsageError> {
-        let inputs = [self.own.clone(), self.case.as_deref().map(files_in).unwrap_or_default()].concat();
+        let case = self.case.as_deref();
+        spare_case("--out", &self.out, case)?;
+        if let Some(trace) = self.trace.as_deref().filter(|trace| lies_in(trace, case)) {
+            let what = "lies in the case, into which nothing is written; must be elsewhere";
+            return Err(UsageError(format!("--trace: {}: {what}", trace.display())));
+        }
+        let inputs = [self.own.clone(), case.map(files_in).unwrap_or_default()].concat();
         spare_inputs("--out", ANSWERS.map(|name| self.out.join(name)), &inputs)?;
         spare_inputs("--trace", &self.trace, &inputs)
     }

@@ -1,7 +1,7 @@
 //! `compass experiment`: many runs in lockstep, what they say together, as `results.json` and a page. RT: no.
 
 use super::config_args::ConfigArgs;
-use super::output::spare_inputs;
+use super::output::{must_be_folder, spare_inputs};
 use super::{Outcome, Run, UsageError, progress};
 use crate::experiment::campaign::{Base, Campaign, CampaignError, Effort, Progress};
 use crate::experiment::ledger::{Ledger, write_whole};
@@ -57,6 +57,7 @@ const RESULTS: [&str; 3] = ["results.json", "report.html", "plots.svg"];
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        must_be_folder("--out", &self.out)?;
         let inputs = [self.config.files(), vec![self.file.clone()]].concat();
         spare_inputs("--out", RESULTS.map(|name| self.out.join(name)), &inputs)?;
         let text = fs::read_to_string(&self.file).with_context(|| self.file.display().to_string())?;

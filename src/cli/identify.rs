@@ -1,6 +1,6 @@
 //! `compass identify CASE`: parameters by simulation error, and which of them the data determines. RT: no.
 
-use super::output::{files_in, spare_inputs};
+use super::output::{files_in, spare_case, spare_inputs};
 use super::{Outcome, Run, progress, warn};
 use crate::diagnose::identification::{Identification, identify_with, with_offsets};
 use crate::diagnose::supposed::Supposed;
@@ -26,7 +26,7 @@ Exit codes: 0 fitted, 2 usage, 3 bad input.")]
 pub(crate) struct Args {
     /// Folder with rig.toml and its recordings
     case: PathBuf,
-    /// Folder for model.toml, identified.json and report.html; made if it is not there
+    /// Folder for model.toml, identified.json and report.html; made if it is not there. Not the case itself
     #[arg(long, value_name = "DIR", default_value = "identified")]
     out: PathBuf,
     /// Fit a zero offset of every angle as well (one for all recordings; for one each, write them into rig.toml)
@@ -42,6 +42,7 @@ const ANSWERS: [&str; 3] = ["model.toml", "identified.json", "report.html"];
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        spare_case("--out", &self.out, Some(&self.case))?;
         spare_inputs("--out", ANSWERS.map(|name| self.out.join(name)), &files_in(&self.case))?;
         let mut experiment = Experiment::load(&self.case)?;
         if self.offsets {

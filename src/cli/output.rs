@@ -23,6 +23,25 @@ pub(super) fn spare_inputs(
     Ok(())
 }
 
+/// Refuses a folder for answers that is the case, or no folder at all.
+pub(super) fn spare_case(option: &str, out: &Path, case: Option<&Path>) -> Result<(), UsageError> {
+    must_be_folder(option, out)?;
+    if case.is_some_and(|case| is_same(out, case)) {
+        let what = "is the case, into which nothing is written; must be another folder, one within it at most";
+        return Err(UsageError(format!("{option}: {}: {what}", out.display())));
+    }
+    Ok(())
+}
+
+/// Refuses a file where a folder shall be made or used.
+pub(super) fn must_be_folder(option: &str, out: &Path) -> Result<(), UsageError> {
+    if out.exists() && !out.is_dir() {
+        let what = "is a file; must be a folder, or a name that nothing has yet";
+        return Err(UsageError(format!("{option}: {}: {what}", out.display())));
+    }
+    Ok(())
+}
+
 /// The files that lie in a folder; none if it is no folder.
 pub(super) fn files_in(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
@@ -112,5 +131,34 @@ mod tests {
             assert!(error.contains("must "), "{line}: {error}");
             assert_eq!(read(), before, "{line}");
         }
+    }
+
+    #[test]
+    fn answers_go_neither_into_the_case_nor_into_a_file() {
+        let folder = inputs();
+        let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+        let names = || files_in(folder.path()).len();
+        let before = names();
+        for (line, told) in [
+            ("diagnose @. --out @.", "is the case"),
+            ("identify @. --out @../@", "is the case"),
+            ("diagnose @. --trace @new.jsonl", "lies in the case"),
+            ("diagnose @. --out @rig.toml", "must be a folder"),
+            ("identify @. --out @rig.toml", "must be a folder"),
+            ("predict @rig.toml --out @run_a.csv", "must be a folder"),
+            ("simulate --thesis cad --out @run_a.csv", "must be a folder"),
+            ("experiment @e.toml --out @run_a.csv", "must be a folder"),
+            ("sim --for 1 --record @run_a.csv", "must be a folder"),
+            ("run --for 1s --record @run_a.csv", "must be a folder"),
+            ("trial --cases 1 --out @run_a.csv", "must be a folder"),
+        ] {
+            let line = line.replace("../@", &format!("../{}", folder.path().file_name().unwrap().to_str().unwrap()));
+            let words: Vec<String> =
+                line.split(' ').map(|word| word.strip_prefix('@').map_or(word.to_owned(), at)).collect();
+            let error = usage_error(&words.iter().map(String::as_str).collect::<Vec<_>>());
+            assert!(error.contains(told), "{line}: {error}");
+            assert_eq!(names(), before, "{line}");
+        }
+        assert!(spare_case("--out", &folder.path().join("answer"), Some(folder.path())).is_ok());
     }
 }

@@ -1,6 +1,6 @@
 //! `compass predict MODEL.toml [RECORDING.csv]`: free runs of a model, as the diagnosis contract defines them. RT: no.
 
-use super::output::spare_inputs;
+use super::output::{must_be_folder, spare_inputs};
 use super::{Outcome, Run, UsageError, warn};
 use crate::identify::experiment::{Recording, load_rig};
 use crate::identify::outliers::clean;
@@ -111,6 +111,9 @@ impl Args {
     /// Neither the model nor a recording may be replaced by a prediction or its plot.
     fn spare_inputs(&self, rig: &Rig, targets: &[(usize, PathBuf)]) -> Result<(), UsageError> {
         let Some(out) = &self.out else { return Ok(()) };
+        if self.recording.is_none() {
+            must_be_folder("--out", out)?;
+        }
         let beside = |path: &PathBuf| rig.recordings.iter().map(|r| path.with_file_name(&r.file)).collect::<Vec<_>>();
         let recordings = targets.iter().flat_map(|(_, path)| [beside(path), vec![path.clone()]].concat());
         let inputs: Vec<PathBuf> = recordings.chain([self.model.clone()]).collect();

@@ -10,6 +10,7 @@ mod view;
 mod wiring;
 
 use super::config_args::ConfigArgs;
+use super::output::must_be_folder;
 use super::{Outcome, Run, UsageError};
 use crate::bus::socketcan::master::MasterLock;
 use crate::config::Resolved;
@@ -104,6 +105,9 @@ impl Run for Args {
     fn run(mut self) -> anyhow::Result<Outcome> {
         self.config.overrides.extend(self.controller.iter().map(|name| format!("control.controller={name}")));
         let resolved = self.config.load_with_faults(&[], Place::Run)?;
+        if let Some(folder) = &self.record {
+            must_be_folder("--record", folder)?;
+        }
         let stop = Stop::on_signals().context("signal handlers")?;
         let archive = Arc::new(Archive::open(self.record.as_deref(), self.keep, &resolved)?);
         let open = |path: &PathBuf| Window::open(path, &resolved.text).with_context(|| path.display().to_string());

@@ -2,6 +2,7 @@
 
 use super::config_args::ConfigArgs;
 use super::faults;
+use super::output::must_be_folder;
 use super::progress;
 use super::run::duration;
 use super::{Outcome, Run};
@@ -100,6 +101,9 @@ impl Run for Args {
 
 impl Args {
     fn start_recorder(&self, resolved: &Resolved) -> anyhow::Result<Option<Recorder>> {
+        if let Some(folder) = &self.record {
+            must_be_folder("--record", folder)?;
+        }
         let start = |folder: &PathBuf| Recorder::start(folder, resolved).context("recording");
         self.record.as_ref().map(start).transpose()
     }

@@ -1,6 +1,6 @@
 //! `compass simulate RIG --input IN.csv --out OUT.csv`: makes a recording from a rig. RT: no.
 
-use super::output::spare_inputs;
+use super::output::{must_be_folder, spare_inputs};
 use super::predict::csv;
 use super::{Outcome, Run, UsageError};
 use crate::identify::experiment::{Recording, load_rig};
@@ -73,6 +73,7 @@ impl Args {
             "true" => Guess::True,
             _ => Guess::Cad,
         };
+        must_be_folder("--out", &self.out)?;
         fs::create_dir_all(&self.out).with_context(|| self.out.display().to_string())?;
         for file in thesis::case(guess, thesis::TEN_SECONDS, self.seed)? {
             let path = self.out.join(&file.name);

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 
+use super::output::must_be_folder;
 use super::resplit::Plan;
 use super::score::{diagnose, find_cases, print, score};
 use super::{Outcome, Run, progress};
@@ -86,6 +87,7 @@ pub(crate) struct Args {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        must_be_folder("--out", &self.out)?;
         if let Some((cases, truth)) = self.resplit.as_deref().zip(self.truth.as_deref()) {
             return self.resplit_plan(cases, truth).run();
         }
