@@ -1,7 +1,7 @@
 //! `compass check-config`: is this configuration valid, and what does it say in the end? RT: no.
 
 use super::config_args::ConfigArgs;
-use super::{Outcome, Run};
+use super::{Outcome, Run, refused};
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -30,6 +30,7 @@ impl Run for Args {
     fn run(mut self) -> anyhow::Result<Outcome> {
         self.config.path = self.file.or(self.config.path);
         let resolved = self.config.load()?;
+        refused::check(&resolved)?;
         let mut out = io::stdout().lock();
         if self.print {
             out.write_all(resolved.text.as_bytes())?;

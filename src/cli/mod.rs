@@ -22,6 +22,7 @@ mod plan;
 mod plant;
 mod predict;
 pub mod progress;
+mod refused;
 mod remote;
 mod replay;
 mod resplit;

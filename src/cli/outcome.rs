@@ -1,6 +1,9 @@
 //! How a command ended, as exit code and as text on stderr. RT: no.
 
 use crate::config;
+use crate::control::ControllerError;
+use crate::rt::tick::TickError;
+use crate::sim::lockstep::LockstepError;
 use crate::sim::world::WorldError;
 use std::any::Any;
 use std::io::{self, Write};
@@ -51,7 +54,10 @@ fn report(error: &anyhow::Error) -> u8 {
 
 /// The person can put it right on the command line or in the configuration.
 pub(super) fn is_usage(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| cause.is::<UsageError>() || cause.is::<config::Errors>() || cause.is::<WorldError>())
+    error.chain().any(|cause| {
+        let is_room = cause.is::<LockstepError>() || cause.is::<TickError>() || cause.is::<WorldError>();
+        is_room || cause.is::<UsageError>() || cause.is::<config::Errors>() || cause.is::<ControllerError>()
+    })
 }
 
 fn report_panic(cause: &(dyn Any + Send)) -> u8 {

@@ -11,9 +11,8 @@ mod wiring;
 
 use super::config_args::ConfigArgs;
 use super::output::must_be_folder;
-use super::{Outcome, Run, UsageError};
+use super::{Outcome, Run, refused};
 use crate::bus::socketcan::master::MasterLock;
-use crate::config::Resolved;
 use crate::config::checked::Config;
 use crate::config::fault::Place;
 use crate::record::live::Window;
@@ -108,13 +107,14 @@ impl Run for Args {
         if let Some(folder) = &self.record {
             must_be_folder("--record", folder)?;
         }
+        let tick = Tick::new(&resolved.config).map_err(|error| refused::all(&resolved, &error.into()))?;
         let stop = Stop::on_signals().context("signal handlers")?;
         let archive = Arc::new(Archive::open(self.record.as_deref(), self.keep, &resolved)?);
         let open = |path: &PathBuf| Window::open(path, &resolved.text).with_context(|| path.display().to_string());
         let window = self.watch_socket.as_ref().map(open).transpose().context("--watch-socket")?;
         let robot = self.name.clone().unwrap_or_else(|| default_name(&resolved.config));
         let Assembled { running, mock, scanner, refused, locks } =
-            assemble(&resolved, &robot, archive.sinks(window), &stop)?;
+            assemble(&resolved.config, tick, &robot, archive.sinks(window), &stop)?;
         let capture = capture(&resolved.config, &archive)?;
         let watcher = supervise::spawn(running.progress(), stop.clone(), self.run_for)?;
         let view = View::start(&view::Parts {
@@ -162,9 +162,7 @@ struct Assembled {
     locks: Vec<MasterLock>,
 }
 
-fn assemble(resolved: &Resolved, robot: &str, sinks: Sinks, stop: &Stop) -> anyhow::Result<Assembled> {
-    let config = &resolved.config;
-    let tick = Tick::new(config).map_err(|error| UsageError(error.to_string()))?;
+fn assemble(config: &Config, tick: Tick, robot: &str, sinks: Sinks, stop: &Stop) -> anyhow::Result<Assembled> {
     let wiring = wiring::open(config, robot)?;
     let (stop_frames, refused) = (tick.stop_frames(), wiring.hand.refused());
     let start = |(lidar, line)| Scanner::start(lidar, line);

@@ -3,9 +3,8 @@
 use super::config_args::ConfigArgs;
 use super::faults;
 use super::output::must_be_folder;
-use super::progress;
 use super::run::duration;
-use super::{Outcome, Run};
+use super::{Outcome, Run, progress, refused};
 use crate::base::time::Span;
 use crate::config::Resolved;
 use crate::config::fault::Place;
@@ -72,7 +71,7 @@ impl Run for Args {
         if let Some(runs) = self.soak {
             return faults::soak(&resolved.config, runs, Span::from_s(self.length_s));
         }
-        let mut lockstep = Lockstep::new(&resolved.config)?;
+        let mut lockstep = Lockstep::new(&resolved.config).map_err(|error| refused::all(&resolved, &error))?;
         let recorder = self.start_recorder(&resolved)?;
         let length = Span::from_s(self.length_s);
         let bar =

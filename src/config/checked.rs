@@ -395,6 +395,12 @@ impl ControllerKind {
     pub const fn follows_plan(self) -> bool {
         matches!(self, Self::Transverse | Self::Tvlqr)
     }
+
+    /// It makes steps that are asked for, and so needs the ground.
+    #[must_use]
+    pub const fn walks(self) -> bool {
+        matches!(self, Self::Walk | Self::VirtualConstraint | Self::Transverse | Self::Tvlqr)
+    }
 }
 
 /// A plan that a controller follows, as text: a recording holds it.

@@ -22,6 +22,7 @@ pub(super) fn check(config: &Config, log: &Log) {
     hip_torque(&config.robot, log);
     backends(&config.robot, log);
     start_on_ground(config, log);
+    walks_on_blocks(config, log);
     safety_times(config, log);
     faults(config, log);
     watchdogs(config, log);
@@ -60,6 +61,14 @@ fn start_on_ground(config: &Config, log: &Log) {
             1e3 * depth_m
         );
         log.error(problem("sim.initial_angle_rad", what));
+    }
+}
+
+/// On blocks no foot comes to the ground.
+fn walks_on_blocks(config: &Config, log: &Log) {
+    if config.robot.is_simulated() && config.simulation.on_blocks && config.control.controller.walks() {
+        let what = "takes steps, and with sim.on_blocks = true no foot comes to the ground; to walk, set it to false";
+        log.warn(problem("control.controller", what.to_owned()));
     }
 }
 

@@ -38,7 +38,7 @@ use std::fmt::Write;
 use std::fs;
 use std::io::{self, Read};
 use std::path::Path;
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 pub use problem::{Errors, Problem};
 
@@ -67,6 +67,33 @@ pub struct Resolved {
     pub warnings: Vec<Problem>,
     /// Where each section came from.
     pub sources: Vec<(&'static str, String)>,
+    typed: Arc<Sections>,
+}
+
+impl Resolved {
+    /// What is wrong with a key by the word of the room that uses it, with the place where the key was typed.
+    #[must_use]
+    pub fn problem(&self, key: &str, what: String) -> Problem {
+        let at = place_of(&self.typed, key);
+        let (file, line) = at.map_or(("configuration", 0), |at| (&at.file, at.line));
+        Problem { file: file.to_owned(), line, key: key.to_owned(), value: None, what }
+    }
+}
+
+/// The sections as typed.
+type Sections = BTreeMap<&'static str, Node>;
+
+/// Where a key was typed, such as `robot.bus0.backend`; one that is not there: the innermost table around it.
+fn place_of<'a>(sections: &'a Sections, key: &str) -> Option<&'a Origin> {
+    let mut path = key.split('.');
+    let mut node = sections.get(path.next()?)?;
+    for name in path {
+        match node.table().and_then(|keys| keys.get(name)) {
+            Some(inner) => node = inner,
+            None => break,
+        }
+    }
+    Some(&node.at)
 }
 
 /// Reads, overrides and checks a configuration. `path`: see the head of this module; `None` = embedded defaults.
@@ -148,7 +175,7 @@ pub fn from_canonical(text: &str, overrides: &[String]) -> Result<Resolved, Erro
 /// Sections and overrides as typed.
 #[derive(Default)]
 struct Typed {
-    sections: BTreeMap<&'static str, Node>,
+    sections: Sections,
     model: Option<RigModel>,
     overrides: Vec<(String, Node)>,
     faults: Vec<String>,
@@ -256,7 +283,7 @@ impl Typed {
         }
         let (text, mut warnings) = log.finish()?;
         warnings.extend(notes);
-        Ok(Resolved { config, hash: sha256(&text), text, warnings, sources })
+        Ok(Resolved { config, hash: sha256(&text), text, warnings, sources, typed: Arc::new(self.sections) })
     }
 
     /// Sections that nobody gave come whole from the embedded files.

@@ -60,7 +60,7 @@ pub(super) fn control(r: &Reader<'_>) -> Control {
     ];
     let controller = r.choice("controller", CONTROLLERS, ControllerKind::Idle);
     let walk_table = r.table("walk", walk);
-    let recovers = controller == ControllerKind::LqrTree || controller == ControllerKind::Walk && walk_table.recover;
+    let recovers = controller == ControllerKind::LqrTree || controller.walks() && walk_table.recover;
     Control {
         controller,
         stance: r.choice("stance", LEGS, Leg::Inner),

@@ -53,6 +53,7 @@ use crate::config::checked::{Config, ControllerKind, Toe};
 use crate::msg::{ControlState, Estimate, JointCommand, LawName, Leg, Snapshot, TOES};
 use balance::Balance;
 use foot_placement::Wish;
+use gait::Gait;
 use hold::Hold;
 use lqr_tree::LqrTree;
 use walk::Walk;
@@ -82,6 +83,37 @@ pub enum ControllerError {
         /// Why.
         cause: PlanRefused,
     },
+}
+
+impl ControllerError {
+    /// The key of the configuration that it is about.
+    #[must_use]
+    pub const fn key(&self) -> &'static str {
+        match self {
+            Self::NoGain { .. } => "control.lqr_q",
+            Self::Plan { .. } => "control.plan",
+            Self::Tree { .. } => "control.tree",
+        }
+    }
+}
+
+/// Everything for which there is no controller, not only the first. Before arming only.
+#[must_use]
+#[expect(clippy::disallowed_types, clippy::disallowed_macros, reason = "before arming")]
+pub fn refusals(config: &Config) -> Vec<ControllerError> {
+    let (kind, recover) = (config.control.controller, config.control.walk.recover);
+    let mut all = vec![];
+    if kind == ControllerKind::Balance || kind.walks() {
+        all.extend(Balance::new(config).err());
+    }
+    if kind.walks() {
+        all.extend(Gait::new(config).err());
+    }
+    if kind == ControllerKind::LqrTree || kind.walks() && recover {
+        // It balances too: a gain that is missing was said already.
+        all.extend(LqrTree::new(config).err().filter(|error| !all.contains(error)));
+    }
+    all
 }
 
 /// Why a plan is refused, in words. Before arming only.

@@ -122,10 +122,12 @@ pub enum PlanError {
         cause: std::io::Error,
     },
     /// The file is no plan.
-    #[error("{file}: not a plan file ({cause})")]
+    #[error("{file}: not a {form} file ({cause})")]
     Format {
         /// Which.
         file: String,
+        /// What it should be: plan or tree.
+        form: &'static str,
         /// Why.
         cause: String,
     },
@@ -187,7 +189,7 @@ impl PlanFile {
     /// # Errors
     /// [`PlanError::Format`].
     pub fn parse_any(file: &str, text: &str) -> Result<Self, PlanError> {
-        let wrong = |cause: String| PlanError::Format { file: file.to_owned(), cause };
+        let wrong = |cause: String| PlanError::Format { file: file.to_owned(), form: "plan", cause };
         let plan: Self = serde_json::from_str(text).map_err(|cause| wrong(cause.to_string()))?;
         if plan.format != FORMAT {
             return Err(wrong(format!("format `{}`, expected `{FORMAT}`", plan.format)));

@@ -112,7 +112,7 @@ impl TreeFile {
     /// # Errors
     /// [`PlanError`]: not a tree, or grown for another model.
     pub fn parse(file: &str, text: &str, model: &Params<f64>) -> Result<Self, PlanError> {
-        let wrong = |cause: String| PlanError::Format { file: file.to_owned(), cause };
+        let wrong = |cause: String| PlanError::Format { file: file.to_owned(), form: "tree", cause };
         let tree: Self = serde_json::from_str(text).map_err(|cause| wrong(cause.to_string()))?;
         if tree.format != FORMAT {
             return Err(wrong(format!("format `{}`, expected `{FORMAT}`", tree.format)));
