@@ -2,7 +2,8 @@
 
 use super::output::files_in;
 use crate::config::fault::Place;
-use crate::config::{self, Choice, Errors, Resolved};
+use crate::config::{self, Choice, Errors, Resolved, Setting};
+use std::fmt::Display;
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -20,6 +21,9 @@ pub struct ConfigArgs {
     /// Changes one value, such as robot.bus0.backend=socketcan:can0. May be given often
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
+    /// What other options of the command say about keys; goes after `--set`.
+    #[arg(skip)]
+    pub options: Vec<Setting>,
 }
 
 impl ConfigArgs {
@@ -39,6 +43,17 @@ impl ConfigArgs {
         self.load_choice(faults, Some(place))
     }
 
+    /// An option of the command that stands for a key.
+    pub(super) fn set_by(&mut self, option: &str, key: &str, value: Option<impl Display>) {
+        self.options.extend(value.map(|value| Setting::of_option(option, format!("{key}={value}"))));
+    }
+
+    /// All single values in the order in which they go.
+    pub(super) fn settings(&self) -> Vec<Setting> {
+        let set = self.overrides.iter().map(|text| Setting::of_option("--set", text));
+        set.chain(self.options.iter().cloned()).collect()
+    }
+
     /// The files that it comes from.
     pub(super) fn files(&self) -> Vec<PathBuf> {
         let of_path = |path: &PathBuf| if path.is_dir() { files_in(path) } else { vec![path.clone()] };
@@ -49,7 +64,7 @@ impl ConfigArgs {
         let resolved = config::load_choice(Choice {
             path: self.path.as_deref(),
             model: self.model.as_deref(),
-            overrides: &self.overrides,
+            overrides: &self.settings(),
             faults,
             place,
             // The simulated robot itself, on real buses, needs nobody's hand and no real IMU.
@@ -60,5 +75,20 @@ impl ConfigArgs {
             drop(writeln!(io::stderr(), "warning: {warning}"));
         }
         Ok(resolved)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::cli::tests::usage_error;
+
+    #[test]
+    fn what_an_option_says_of_a_key_is_told_by_the_name_of_the_option() {
+        for command in ["run", "sim"] {
+            let error = usage_error(&[command, "--controller", "wlak"]);
+            assert!(error.contains("--controller: control.controller = \"wlak\": must be one of"), "{error}");
+        }
+        let error = usage_error(&["sim", "--seed", "18446744073709551615"]);
+        assert!(error.contains("--seed: sim.seed = 18446744073709551615: "), "{error}");
     }
 }

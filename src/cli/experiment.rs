@@ -61,12 +61,12 @@ impl Run for Args {
         let inputs = [self.config.files(), vec![self.file.clone()]].concat();
         spare_inputs("--out", RESULTS.map(|name| self.out.join(name)), &inputs)?;
         let text = fs::read_to_string(&self.file).with_context(|| self.file.display().to_string())?;
-        let mut plan = Plan::parse(&text).map_err(|e| UsageError(format!("{}: {e}", self.file.display())))?;
+        let mut plan = Plan::parse(&self.file.display().to_string(), &text)?;
         plan.seeds = self.seeds.unwrap_or(plan.seeds);
         let base = Base {
             config: self.config.path.clone(),
             model: self.config.model.clone(),
-            overrides: self.config.overrides.clone(),
+            overrides: self.config.settings(),
         };
         let campaign = Campaign::new(plan, base);
         let mut ledger = Ledger::open(&self.out).with_context(|| self.out.display().to_string())?;

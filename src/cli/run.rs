@@ -52,7 +52,7 @@ pub(crate) struct Args {
     /// Ends by itself after this time, such as 30 (seconds), 10m, 1h; without it on Ctrl-C or SIGTERM
     #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     run_for: Option<Duration>,
-    /// Controller: idle, hold, balance; walking: walk, virtual_constraint, transverse; one planned step: tvlqr
+    /// Controller: idle, hold, balance, lqr_tree; walking: walk, virtual_constraint, transverse; one planned step: tvlqr
     #[arg(long, value_name = "NAME")]
     controller: Option<String>,
     /// Records everything into this folder; the ticks around a fault go to its folder `flight`
@@ -102,7 +102,7 @@ const LEAST_KEPT: u64 = 100_000_000;
 
 impl Run for Args {
     fn run(mut self) -> anyhow::Result<Outcome> {
-        self.config.overrides.extend(self.controller.iter().map(|name| format!("control.controller={name}")));
+        self.config.set_by("--controller", "control.controller", self.controller.as_ref());
         let resolved = self.config.load_with_faults(&[], Place::Run)?;
         if let Some(folder) = &self.record {
             must_be_folder("--record", folder)?;

@@ -30,7 +30,7 @@ const RECORDER_PAUSE: Duration = Duration::from_millis(2);
 Examples:
   compass sim                        10 s of balance from 2 degrees of tilt
   compass sim --for 10m              ten minutes, in a few seconds
-  compass sim --set control.controller=walk --set sim.on_blocks=false --for 60      it walks
+  compass sim --controller walk --set sim.on_blocks=false --for 60      it walks
   compass sim --for 30 --record recordings/
   compass sim --set control.observer_epsilon_s=0.02 --set control.lqr_r=0.01    thesis 4.4: it rings at 10 Hz
   compass sim --fault bus_off@3s:bus=1,for=200ms --fault imu_stall@6s
@@ -45,6 +45,9 @@ pub(crate) struct Args {
     /// Simulated time, such as 10 (seconds), 500ms or 10m
     #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = seconds)]
     length_s: f64,
+    /// Controller: idle, hold, balance, lqr_tree; walking: walk, virtual_constraint, transverse; one planned step: tvlqr
+    #[arg(long, value_name = "NAME")]
+    controller: Option<String>,
     /// Seed of all noise, instead of the configured one
     #[arg(long)]
     seed: Option<u64>,
@@ -64,9 +67,8 @@ impl Run for Args {
         if faults::is_listed(&self.faults)? {
             return Ok(Outcome::Fine);
         }
-        if let Some(seed) = self.seed {
-            self.config.overrides.push(format!("sim.seed={seed}"));
-        }
+        self.config.set_by("--controller", "control.controller", self.controller.as_ref());
+        self.config.set_by("--seed", "sim.seed", self.seed);
         let resolved = self.config.load_with_faults(&self.faults, Place::Sim)?;
         if let Some(runs) = self.soak {
             return faults::soak(&resolved.config, runs, Span::from_s(self.length_s));

@@ -21,8 +21,8 @@ mod model_error;
 mod operator;
 mod problem;
 mod process;
-mod raw;
-mod reader;
+pub mod raw;
+pub mod reader;
 mod rig_model;
 mod robot;
 mod simulation;
@@ -41,6 +41,7 @@ use std::path::Path;
 use std::sync::{Arc, LazyLock};
 
 pub use problem::{Errors, Problem};
+pub use raw::Setting;
 
 /// Sections with their embedded defaults.
 const SECTIONS: [(&str, &str, &str); 4] = [
@@ -101,6 +102,7 @@ fn place_of<'a>(sections: &'a Sections, key: &str) -> Option<&'a Origin> {
 /// # Errors
 /// Everything that is wrong, at once.
 pub fn load(path: Option<&Path>, overrides: &[String]) -> Result<Resolved, Errors> {
+    let overrides = &of_command_line(overrides);
     load_choice(Choice { path, overrides, ..Choice::default() })
 }
 
@@ -111,8 +113,8 @@ pub struct Choice<'a> {
     pub path: Option<&'a Path>,
     /// A model file whose physics observer and controller shall know; see `rig_model`.
     pub model: Option<&'a Path>,
-    /// Single values, `key=value`; go last.
-    pub overrides: &'a [String],
+    /// Single values; go last, in this order.
+    pub overrides: &'a [Setting],
     /// Faults to inject, `NAME@TIME[:ARGS]`; added to those of `sim.faults`.
     pub faults: &'a [String],
     /// Where they are injected; `None` = nobody injects any.
@@ -136,9 +138,7 @@ pub fn load_choice(choice: Choice<'_>) -> Result<Resolved, Errors> {
             Err(problems) => typed.problems.extend(problems),
         }
     }
-    for text in choice.overrides {
-        typed.add_override(text);
-    }
+    choice.overrides.iter().for_each(|setting| typed.add_override(setting));
     typed.faults = choice.faults.to_vec();
     typed.place = choice.place;
     typed.plays_robot = choice.plays_robot;
@@ -152,9 +152,7 @@ pub fn load_choice(choice: Choice<'_>) -> Result<Resolved, Errors> {
 pub fn load_text(name: &str, text: &str, overrides: &[String]) -> Result<Resolved, Errors> {
     let mut typed = Typed::default();
     typed.add_sections(name, text);
-    for text in overrides {
-        typed.add_override(text);
-    }
+    of_command_line(overrides).iter().for_each(|setting| typed.add_override(setting));
     typed.resolve()
 }
 
@@ -166,10 +164,13 @@ pub fn load_text(name: &str, text: &str, overrides: &[String]) -> Result<Resolve
 pub fn from_canonical(text: &str, overrides: &[String]) -> Result<Resolved, Errors> {
     let mut typed = Typed { plays_robot: true, ..Typed::default() };
     typed.add_sections("recorded configuration", text);
-    for text in overrides {
-        typed.add_override(text);
-    }
+    of_command_line(overrides).iter().for_each(|setting| typed.add_override(setting));
     typed.resolve()
+}
+
+/// Values of `--set`.
+fn of_command_line(overrides: &[String]) -> Vec<Setting> {
+    overrides.iter().map(|text| Setting::of_option("--set", text)).collect()
 }
 
 /// Sections and overrides as typed.
@@ -245,8 +246,8 @@ impl Typed {
         }
     }
 
-    fn add_override(&mut self, text: &str) {
-        match raw::parse_override(text) {
+    fn add_override(&mut self, setting: &Setting) {
+        match raw::parse_setting(setting) {
             Ok(parsed) => self.overrides.push(parsed),
             Err(problem) => self.problems.push(problem),
         }

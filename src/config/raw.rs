@@ -9,33 +9,39 @@ use toml::de::{DeTable, DeValue};
 
 /// Where a value was typed.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Origin {
+pub struct Origin {
     /// File as named by the user.
-    pub(super) file: Arc<str>,
+    pub file: Arc<str>,
     /// Line, from 1; 0 on the command line.
-    pub(super) line: usize,
+    pub line: usize,
 }
 
 /// A value and where it was typed.
 #[derive(Clone, Debug)]
-pub(super) struct Node {
+pub struct Node {
     /// Where.
-    pub(super) at: Origin,
+    pub at: Origin,
     /// What.
-    pub(super) value: Raw,
+    pub value: Raw,
 }
 
 /// A value as typed.
 #[derive(Clone, Debug)]
-pub(super) enum Raw {
+pub enum Raw {
+    /// Keys with their values.
     Table(BTreeMap<String, Node>),
+    /// Values in order.
     List(Vec<Node>),
-    /// `whole` if it was typed as an integer that fits.
+    /// A number.
     Number {
+        /// As computed with.
         value: f64,
+        /// If it was typed as an integer that fits.
         whole: Option<i64>,
     },
+    /// `true` or `false`.
     Flag(bool),
+    /// A text in quotes.
     Text(String),
     /// Dates, and numbers that fit nothing.
     Other(String),
@@ -43,12 +49,12 @@ pub(super) enum Raw {
 
 impl Node {
     /// An empty table.
-    pub(super) fn empty(file: &str) -> Self {
+    pub fn empty(file: &str) -> Self {
         Self { at: Origin { file: file.into(), line: 0 }, value: Raw::Table(BTreeMap::new()) }
     }
 
     /// Its children, if it is a table.
-    pub(super) fn table(&self) -> Option<&BTreeMap<String, Self>> {
+    pub fn table(&self) -> Option<&BTreeMap<String, Self>> {
         match &self.value {
             Raw::Table(map) => Some(map),
             _ => None,
@@ -56,7 +62,7 @@ impl Node {
     }
 
     /// The value as TOML would show it.
-    pub(super) fn show(&self) -> String {
+    pub fn show(&self) -> String {
         match &self.value {
             Raw::Table(_) => "a table".into(),
             Raw::List(items) => format!("[{}]", items.iter().map(Self::show).collect::<Vec<_>>().join(", ")),
@@ -68,15 +74,40 @@ impl Node {
         }
     }
 
+    /// The value on one line of TOML, tables written out.
+    #[must_use]
+    pub fn inline(&self) -> String {
+        match &self.value {
+            Raw::Table(map) => {
+                let entry = |(key, node): (&String, &Self)| format!("{} = {}", quoted(key), node.inline());
+                format!("{{ {} }}", map.iter().map(entry).collect::<Vec<_>>().join(", "))
+            }
+            Raw::List(items) => format!("[{}]", items.iter().map(Self::inline).collect::<Vec<_>>().join(", ")),
+            _ => self.show(),
+        }
+    }
+
+    /// Every leaf below this table with its path, such as `hip.gear_ratio`; itself, without a path, if it is no table.
+    #[must_use]
+    pub fn leaves(&self) -> Vec<(String, &Self)> {
+        let Some(map) = self.table() else { return vec![(String::new(), self)] };
+        let mut out = Vec::new();
+        for (key, node) in map {
+            let path = |rest: String| if rest.is_empty() { key.clone() } else { format!("{key}.{rest}") };
+            out.extend(node.leaves().into_iter().map(|(rest, leaf)| (path(rest), leaf)));
+        }
+        out
+    }
+
     /// Takes a key out, if it is a table that has it.
-    pub(super) fn remove(&mut self, key: &str) {
+    pub fn remove(&mut self, key: &str) {
         if let Raw::Table(map) = &mut self.value {
             map.remove(key);
         }
     }
 
     /// Puts `leaf` at a path such as `["hip", "gear_ratio"]`, making tables on the way.
-    pub(super) fn put(&mut self, path: &[&str], leaf: Self) {
+    pub fn put(&mut self, path: &[&str], leaf: Self) {
         let Some((first, rest)) = path.split_first() else {
             *self = leaf;
             return;
@@ -91,8 +122,21 @@ impl Node {
     }
 }
 
-/// Reads a TOML text. All syntax errors at once.
-pub(super) fn parse(file: &str, text: &str) -> Result<Node, Vec<Problem>> {
+/// A key as TOML has it.
+fn quoted(key: &str) -> String {
+    let is_bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    if !key.is_empty() && key.chars().all(is_bare) {
+        key.to_owned()
+    } else {
+        toml::Value::String(key.to_owned()).to_string()
+    }
+}
+
+/// Reads a TOML text.
+///
+/// # Errors
+/// All syntax errors at once.
+pub fn parse(file: &str, text: &str) -> Result<Node, Vec<Problem>> {
     let place = Place::new(file, text);
     let (document, errors) = DeTable::parse_recoverable(text);
     if errors.is_empty() {
@@ -101,11 +145,35 @@ pub(super) fn parse(file: &str, text: &str) -> Result<Node, Vec<Problem>> {
     Err(errors.iter().map(|error| place.syntax_error(error)).collect())
 }
 
-/// Reads `key.path=value` of the command line. A value that is no TOML is taken as text, to save quotes in a shell.
-pub(super) fn parse_override(typed: &str) -> Result<(String, Node), Problem> {
+/// A single value with the place where it was typed: an option of the command line, or a line of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Setting {
+    /// Where.
+    pub at: Origin,
+    /// `key=value`.
+    pub text: String,
+}
+
+impl Setting {
+    /// Of an option of the command line, such as `--set`.
+    #[must_use]
+    pub fn of_option(option: &str, text: impl Into<String>) -> Self {
+        Self { at: Origin { file: option.into(), line: 0 }, text: text.into() }
+    }
+
+    /// Of a file.
+    #[must_use]
+    pub fn of_node(key: &str, node: &Node) -> Self {
+        Self { at: node.at.clone(), text: format!("{key}={}", node.inline()) }
+    }
+}
+
+/// Reads `key.path=value`. A value that is no TOML is taken as text, to save quotes in a shell.
+pub(super) fn parse_setting(setting: &Setting) -> Result<(String, Node), Problem> {
+    let Setting { at, text: typed } = setting;
     let problem = |what: &str| Problem {
-        file: "--set".into(),
-        line: 0,
+        file: at.file.to_string(),
+        line: at.line,
         key: String::new(),
         value: None,
         what: format!("`{typed}`: {what}"),
@@ -115,29 +183,29 @@ pub(super) fn parse_override(typed: &str) -> Result<(String, Node), Problem> {
     if key.is_empty() || key.split('.').any(str::is_empty) {
         return Err(problem("expected a key such as robot.hip.gear_ratio"));
     }
-    let at = Origin { file: "--set".into(), line: 0 };
-    let place = Place::new("--set", value);
+    let place = Place { file: at.file.clone(), line_ends: Vec::new(), first_line: at.line };
     let value = match DeValue::parse(value.trim()) {
         Ok(parsed) => place.value(parsed.get_ref()),
         Err(_) => Raw::Text(value.trim().to_owned()),
     };
-    Ok((key.to_owned(), Node { at, value }))
+    Ok((key.to_owned(), Node { at: at.clone(), value }))
 }
 
 /// A text's name and where its lines end: turns byte offsets into lines. Asked for each value, so it must not count anew.
 struct Place {
     file: Arc<str>,
     line_ends: Vec<usize>,
+    first_line: usize,
 }
 
 impl Place {
     fn new(file: &str, text: &str) -> Self {
         let line_ends = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n').map(|(at, _)| at).collect();
-        Self { file: file.into(), line_ends }
+        Self { file: file.into(), line_ends, first_line: 1 }
     }
 
     fn origin(&self, byte: usize) -> Origin {
-        let line = 1 + self.line_ends.partition_point(|end| *end < byte);
+        let line = self.first_line + self.line_ends.partition_point(|end| *end < byte);
         Origin { file: self.file.clone(), line }
     }
 

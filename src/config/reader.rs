@@ -14,14 +14,14 @@ use std::fmt::Write;
 
 /// An allowed range with its unit.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Range {
+pub struct Range {
     min: f64,
     max: f64,
     unit: &'static str,
 }
 
 /// Closed range; the unit is shown in errors, `"1"` = none.
-pub(super) const fn range(min: f64, max: f64, unit: &'static str) -> Range {
+pub const fn range(min: f64, max: f64, unit: &'static str) -> Range {
     Range { min, max, unit }
 }
 
@@ -39,7 +39,7 @@ impl Range {
 
 /// What was found while reading.
 #[derive(Default)]
-pub(super) struct Log {
+pub struct Log {
     errors: RefCell<Vec<Problem>>,
     warnings: RefCell<Vec<Problem>>,
     canonical: RefCell<BTreeMap<String, String>>,
@@ -48,19 +48,19 @@ pub(super) struct Log {
 
 impl Log {
     /// Notes an error.
-    pub(super) fn error(&self, problem: Problem) {
+    pub fn error(&self, problem: Problem) {
         if !self.muted.get() {
             self.errors.borrow_mut().push(problem);
         }
     }
 
     /// True if nothing is wrong so far.
-    pub(super) fn is_clean(&self) -> bool {
+    pub fn is_clean(&self) -> bool {
         self.errors.borrow().is_empty()
     }
 
     /// Notes something suspicious.
-    pub(super) fn warn(&self, problem: Problem) {
+    pub fn warn(&self, problem: Problem) {
         self.warnings.borrow_mut().push(problem);
     }
 
@@ -70,8 +70,11 @@ impl Log {
         }
     }
 
-    /// The canonical text and the warnings, or all errors.
-    pub(super) fn finish(self) -> Result<(String, Vec<Problem>), Errors> {
+    /// The canonical text and the warnings.
+    ///
+    /// # Errors
+    /// All that were noted.
+    pub fn finish(self) -> Result<(String, Vec<Problem>), Errors> {
         let errors = self.errors.into_inner();
         if !errors.is_empty() {
             return Err(Errors(errors));
@@ -85,7 +88,7 @@ impl Log {
 }
 
 /// Reads one table.
-pub(super) struct Reader<'a> {
+pub struct Reader<'a> {
     path: String,
     node: &'a Node,
     seen: RefCell<BTreeSet<&'static str>>,
@@ -93,7 +96,7 @@ pub(super) struct Reader<'a> {
 }
 
 /// Reads a table with `f`; keys that `f` did not ask for are errors.
-pub(super) fn read<T>(log: &Log, path: &str, node: &Node, f: impl FnOnce(&Reader<'_>) -> T) -> T {
+pub fn read<T>(log: &Log, path: &str, node: &Node, f: impl FnOnce(&Reader<'_>) -> T) -> T {
     let reader = Reader { path: path.to_owned(), node, seen: RefCell::default(), log };
     let result = f(&reader);
     reader.refuse_unknown_keys();
@@ -102,17 +105,17 @@ pub(super) fn read<T>(log: &Log, path: &str, node: &Node, f: impl FnOnce(&Reader
 
 impl Reader<'_> {
     /// A number in a range.
-    pub(super) fn number(&self, key: &'static str, range: Range) -> f64 {
+    pub fn number(&self, key: &'static str, range: Range) -> f64 {
         self.get(key).map_or(f64::NAN, |node| self.checked_number(key, node, range))
     }
 
     /// A number in a range, or nothing.
-    pub(super) fn optional_number(&self, key: &'static str, range: Range) -> Option<f64> {
+    pub fn optional_number(&self, key: &'static str, range: Range) -> Option<f64> {
         self.find(key).map(|node| self.checked_number(key, node, range))
     }
 
     /// A length of time typed in the unit that ends the key: `_s`, `_ms`, `_us`.
-    pub(super) fn span(&self, key: &'static str, min: f64, max: f64) -> Span {
+    pub fn span(&self, key: &'static str, min: f64, max: f64) -> Span {
         let (unit, scale) = match key.rsplit('_').next() {
             Some("ms") => ("ms", 1e-3),
             Some("us") => ("us", 1e-6),
@@ -122,7 +125,7 @@ impl Reader<'_> {
     }
 
     /// A list of any length of pairs of numbers, each in its range.
-    pub(super) fn pairs(&self, key: &'static str, first: Range, second: Range) -> Vec<[f64; 2]> {
+    pub fn pairs(&self, key: &'static str, first: Range, second: Range) -> Vec<[f64; 2]> {
         let Some(node) = self.get(key) else { return Vec::new() };
         let Raw::List(items) = &node.value else {
             self.wrong(key, node, "must be a list of pairs of numbers");
@@ -143,7 +146,7 @@ impl Reader<'_> {
     }
 
     /// So many numbers in a range.
-    pub(super) fn numbers<const N: usize>(&self, key: &'static str, range: Range) -> [f64; N] {
+    pub fn numbers<const N: usize>(&self, key: &'static str, range: Range) -> [f64; N] {
         let mut out = [f64::NAN; N];
         let Some(node) = self.get(key) else { return out };
         let Raw::List(items) = &node.value else {
@@ -163,7 +166,7 @@ impl Reader<'_> {
     }
 
     /// A list of tables `{ key = number, ... }` that all have the same keys.
-    pub(super) fn rows<const N: usize>(
+    pub fn rows<const N: usize>(
         &self,
         key: &'static str,
         columns: [&'static str; N],
@@ -195,17 +198,17 @@ impl Reader<'_> {
     }
 
     /// A whole number in a range.
-    pub(super) fn integer<T: TryFrom<i64> + Default>(&self, key: &'static str, min: i64, max: i64, unit: &str) -> T {
+    pub fn integer<T: TryFrom<i64> + Default>(&self, key: &'static str, min: i64, max: i64, unit: &str) -> T {
         self.get(key).and_then(|node| self.checked_integer(key, node, (min, max), unit)).unwrap_or_default()
     }
 
     /// A whole number in a range, or nothing.
-    pub(super) fn optional_integer<T: TryFrom<i64>>(&self, key: &'static str, min: i64, max: i64) -> Option<T> {
+    pub fn optional_integer<T: TryFrom<i64>>(&self, key: &'static str, min: i64, max: i64) -> Option<T> {
         self.find(key).and_then(|node| self.checked_integer(key, node, (min, max), "1"))
     }
 
     /// `true` or `false`.
-    pub(super) fn flag(&self, key: &'static str) -> bool {
+    pub fn flag(&self, key: &'static str) -> bool {
         let Some(node) = self.get(key) else { return false };
         match node.value {
             Raw::Flag(value) => {
@@ -220,7 +223,7 @@ impl Reader<'_> {
     }
 
     /// A text that is not noted as it was typed: see [`Reader::note_text`].
-    pub(super) fn silent_text(&self, key: &'static str) -> String {
+    pub fn silent_text(&self, key: &'static str) -> String {
         match self.get(key).map(|node| &node.value) {
             Some(Raw::Text(value)) => value.clone(),
             Some(_) => {
@@ -232,12 +235,12 @@ impl Reader<'_> {
     }
 
     /// Notes what a text stands for.
-    pub(super) fn note_text(&self, key: &'static str, text: &str) {
+    pub fn note_text(&self, key: &'static str, text: &str) {
         self.note(key, toml::Value::String(text.to_owned()).to_string());
     }
 
     /// A text.
-    pub(super) fn text(&self, key: &'static str) -> String {
+    pub fn text(&self, key: &'static str) -> String {
         let Some(node) = self.get(key) else { return String::new() };
         match &node.value {
             Raw::Text(value) => {
@@ -252,7 +255,7 @@ impl Reader<'_> {
     }
 
     /// A list of texts, each read by `parse`; empty if the key is not there. Canonical is what `show` says.
-    pub(super) fn parsed_texts<T>(
+    pub fn parsed_texts<T>(
         &self,
         key: &'static str,
         parse: impl Fn(&str) -> Result<T, String>,
@@ -282,7 +285,7 @@ impl Reader<'_> {
     }
 
     /// One of some words.
-    pub(super) fn choice<T: Copy>(&self, key: &'static str, choices: &[(&str, T)], placeholder: T) -> T {
+    pub fn choice<T: Copy>(&self, key: &'static str, choices: &[(&str, T)], placeholder: T) -> T {
         let text = self.text(key);
         if let Some((_, value)) = choices.iter().find(|(word, _)| *word == text) {
             return *value;
@@ -293,13 +296,23 @@ impl Reader<'_> {
     }
 
     /// One of some words, or nothing.
-    pub(super) fn optional_choice<T: Copy>(&self, key: &'static str, choices: &[(&str, T)]) -> Option<T> {
+    pub fn optional_choice<T: Copy>(&self, key: &'static str, choices: &[(&str, T)]) -> Option<T> {
         let (_, first) = choices.first()?;
         self.find(key).map(|_| self.choice(key, choices, *first))
     }
 
+    /// The value of a key as typed, or nothing.
+    pub fn optional_node(&self, key: &'static str) -> Option<&Node> {
+        self.find(key)
+    }
+
+    /// Notes that a value below a key is not allowed; `place` is its path from here.
+    pub fn refuse_node(&self, place: &str, node: &Node, what: &str) {
+        self.wrong(place, node, what);
+    }
+
     /// A table within.
-    pub(super) fn table<T>(&self, key: &'static str, f: impl FnOnce(&Reader<'_>) -> T) -> T {
+    pub fn table<T>(&self, key: &'static str, f: impl FnOnce(&Reader<'_>) -> T) -> T {
         let empty = Node::empty(&self.node.at.file);
         let node = self.get(key).filter(|node| self.is_table(key, node));
         // One error for the missing table is enough: read placeholders silently.
@@ -310,13 +323,13 @@ impl Reader<'_> {
     }
 
     /// A table within, or nothing.
-    pub(super) fn optional_table<T>(&self, key: &'static str, f: impl FnOnce(&Reader<'_>) -> T) -> Option<T> {
+    pub fn optional_table<T>(&self, key: &'static str, f: impl FnOnce(&Reader<'_>) -> T) -> Option<T> {
         let node = self.find(key)?;
         self.is_table(key, node).then(|| read(self.log, &self.path_of(key), node, f))
     }
 
     /// `{ value, min, max, unit, source, free }`. `units` are the allowed units with the factor to the first of them.
-    pub(super) fn parameter(&self, key: &'static str, range: Range, units: &[(&'static str, f64)]) -> Parameter {
+    pub fn parameter(&self, key: &'static str, range: Range, units: &[(&'static str, f64)]) -> Parameter {
         let all = super::reader::range(f64::MIN, f64::MAX, "1");
         self.table(key, |r| {
             let unit = r.choice("unit", &units.iter().map(|u| (u.0, *u)).collect::<Vec<_>>(), ("", 1.0));
@@ -336,7 +349,7 @@ impl Reader<'_> {
     }
 
     /// Notes that the value of a key which was read is not allowed.
-    pub(super) fn refuse(&self, key: &'static str, what: &str) {
+    pub fn refuse(&self, key: &'static str, what: &str) {
         if let Some(node) = self.find(key) {
             self.wrong(key, node, what);
         }
@@ -421,6 +434,6 @@ impl Reader<'_> {
     }
 
     fn path_of(&self, key: &str) -> String {
-        format!("{}.{key}", self.path)
+        if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
     }
 }

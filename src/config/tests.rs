@@ -93,7 +93,7 @@ fn real_buses_want_a_real_hand_and_a_real_imu_but_the_simulated_robot_does_not()
     assert_eq!(refused(&[hand]), ["robot.imu.backend"]);
     assert_eq!(refused(&[imu]), ["robot.operator.source"]);
     assert!(refused(&[hand, imu]).is_empty());
-    let plant = load_choice(Choice { overrides: &real, plays_robot: true, ..Choice::default() });
+    let plant = load_choice(Choice { overrides: &of_command_line(&real), plays_robot: true, ..Choice::default() });
     assert!(plant.is_ok_and(|plant| plant.config.robot.has_made_up_senses()));
 }
 
@@ -227,7 +227,7 @@ fn with_model(text: &str, overrides: &[&str]) -> Result<Resolved, Errors> {
     let path = folder.path().join("model.toml");
     std::fs::write(&path, text).unwrap();
     let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
-    load_choice(Choice { model: Some(&path), overrides: &overrides, ..Choice::default() })
+    load_choice(Choice { model: Some(&path), overrides: &of_command_line(&overrides), ..Choice::default() })
 }
 
 #[test]

@@ -5,8 +5,9 @@
 use super::ledger::{Ledger, RunId};
 use super::plan::{Plan, RunPlan};
 use super::trial_run::{self, Place, RunRecord};
-use crate::config::{self, Choice, Errors, Resolved, fault};
+use crate::config::{self, Choice, Errors, Problem, Resolved, Setting, fault};
 use crate::sim::lockstep::LockstepError;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -18,16 +19,9 @@ const MOST_REDRAWS: u32 = 200;
 /// Why an experiment cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum CampaignError {
-    /// A run's configuration is wrong.
-    #[error("run {index} ({name}): {errors}")]
-    Config {
-        /// Number of the run.
-        index: usize,
-        /// Its axes.
-        name: String,
-        /// What is wrong.
-        errors: Errors,
-    },
+    /// The configuration of some runs is wrong.
+    #[error("{0}")]
+    Config(Errors),
     /// There is nothing to step.
     #[error("run {index}: {cause}")]
     Lockstep {
@@ -49,7 +43,7 @@ pub struct Base {
     /// What observer and controller believe.
     pub model: Option<PathBuf>,
     /// Keys from the command line: go last.
-    pub overrides: Vec<String>,
+    pub overrides: Vec<Setting>,
 }
 
 /// How to run.
@@ -112,7 +106,7 @@ impl Campaign {
     }
 
     /// Configuration of a run. What was drawn and gives no configuration is drawn again.
-    fn ready(&self, run: &RunPlan) -> Result<Ready, CampaignError> {
+    fn ready(&self, run: &RunPlan) -> Result<Ready, Errors> {
         let mut redraws = 0;
         loop {
             let mut set = run.overrides.clone();
@@ -129,28 +123,36 @@ impl Campaign {
             match config::load_choice(choice) {
                 Ok(resolved) => {
                     let id = RunId::new(&resolved.hash, &self.plan.stop);
+                    let set = set.into_iter().map(|setting| setting.text).collect();
                     let place = Place { index: run.index, axes: run.axes.clone(), seed: run.seed, redraws, set };
                     return Ok(Ready { resolved, place, id });
                 }
                 Err(_) if run.draws() && redraws < MOST_REDRAWS => redraws += 1,
-                Err(errors) => {
-                    let name = run.axes.iter().map(|(key, label)| format!("{key}={label}")).collect::<Vec<_>>();
-                    return Err(CampaignError::Config { index: run.index, name: name.join(", "), errors });
-                }
+                Err(errors) => return Err(errors),
             }
         }
+    }
+
+    /// Configurations of some runs, or everything that is wrong with any of them.
+    fn ready_all<'a>(&'a self, runs: impl Iterator<Item = &'a RunPlan>) -> Result<Vec<Ready>, CampaignError> {
+        let (mut all, mut wrong) = (Vec::new(), Wrong::default());
+        for run in runs {
+            if wrong.has(run) {
+                continue;
+            }
+            match self.ready(run) {
+                Ok(ready) => all.push(ready),
+                Err(errors) => wrong.add(run, errors),
+            }
+        }
+        if wrong.problems.is_empty() { Ok(all) } else { Err(CampaignError::Config(Errors(wrong.problems))) }
     }
 
     /// Runs of a shard that the ledger does not have.
     fn open_runs(&self, ledger: &Ledger, shard: [usize; 2]) -> Result<Vec<Ready>, CampaignError> {
         let mine = self.runs.iter().filter(|run| run.index % shard[1] == shard[0] - 1);
-        let mut open = Vec::new();
-        for run in mine {
-            let ready = self.ready(run)?;
-            if ledger.find(&ready.id).is_none() {
-                open.push(ready);
-            }
-        }
+        let mut open = self.ready_all(mine)?;
+        open.retain(|ready| ledger.find(&ready.id).is_none());
         Ok(open)
     }
 
@@ -223,14 +225,44 @@ impl Campaign {
     /// A configuration that is wrong.
     pub fn records(&self, ledger: &Ledger) -> Result<Vec<RunRecord>, CampaignError> {
         let mut records = Vec::new();
-        for run in &self.runs {
-            let ready = self.ready(run)?;
+        for (run, ready) in self.runs.iter().zip(self.ready_all(self.runs.iter())?) {
             if let Some(record) = ledger.find(&ready.id) {
                 // The same run may stand at another place of another plan.
                 records.push(RunRecord { index: run.index, axes: run.axes.clone(), ..record.clone() });
             }
         }
         Ok(records)
+    }
+}
+
+/// What is wrong with the configurations of runs, each thing once.
+#[derive(Default)]
+struct Wrong {
+    problems: Vec<Problem>,
+    axes: BTreeSet<BTreeMap<String, String>>,
+}
+
+impl Wrong {
+    /// A run with the same axes was wrong: another seed tells nothing new, and may take many draws.
+    fn has(&self, run: &RunPlan) -> bool {
+        self.axes.contains(&run.axes)
+    }
+
+    fn add(&mut self, run: &RunPlan, errors: Errors) {
+        for mut problem in errors.0 {
+            let place = |p: &Problem| (p.file.clone(), p.line, p.key.clone(), p.value.clone());
+            let is_known = |known: &Problem| place(known) == place(&problem) && known.what.starts_with(&problem.what);
+            if self.problems.iter().any(is_known) {
+                continue;
+            }
+            if problem.value.is_none() && !run.axes.is_empty() {
+                // It is about several keys: the axes tell which values do not go together.
+                let axes: Vec<String> = run.axes.iter().map(|(key, label)| format!("{key}={label}")).collect();
+                problem.what = format!("{} (run {}: {})", problem.what, run.index, axes.join(", "));
+            }
+            self.problems.push(problem);
+        }
+        self.axes.insert(run.axes.clone());
     }
 }
 
@@ -259,4 +291,40 @@ fn keep(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn everything_wrong_with_any_run_is_told_once_with_its_line_in_the_file() {
+        let text = "about = \"t\"\nseeds = \"1..3\"\n[set]\nsim.on_blocks = true\ncontrol.controllr = \"walk\"\n\
+            [axes]\ncontrol.controller = [\"idle\", \"wlak\", \"balnce\"]\n\
+            [draw]\nsim.release_after_s = [1.0, 2.0]\n[stop]\ntime_s = 1.0\n";
+        let base = Base { overrides: vec![Setting::of_option("--set", "rt.core=-1")], ..Base::default() };
+        let campaign = Campaign::new(Plan::parse("ex.toml", text).unwrap(), base);
+        let folder = tempfile::tempdir().unwrap();
+        let ledger = Ledger::open(folder.path()).unwrap();
+        let error = campaign.open(&ledger, [1, 1]).unwrap_err().to_string();
+        assert!(error.contains("4 errors"), "{error}");
+        for told in [
+            "\n  ex.toml:5: control.controllr = \"walk\": unknown key",
+            "\n  ex.toml:7: control.controller = \"wlak\": must be one of",
+            "\n  ex.toml:7: control.controller = \"balnce\": must be one of",
+            "\n  --set: rt.core = -1: ",
+        ] {
+            assert!(error.contains(told), "{told}: {error}");
+        }
+    }
+
+    #[test]
+    fn values_that_do_not_go_together_are_told_with_the_axes_of_the_run() {
+        let text = "about = \"t\"\nseeds = \"1\"\n[axes]\nrobot.limits.overruns_per_s = [10]\n\
+            robot.drives.inner_toe_a.node = [4, 1]\n[stop]\ntime_s = 1.0\n";
+        let campaign = Campaign::new(Plan::parse("ex.toml", text).unwrap(), Base::default());
+        let folder = tempfile::tempdir().unwrap();
+        let error = campaign.open(&Ledger::open(folder.path()).unwrap(), [1, 1]).unwrap_err().to_string();
+        assert!(error.contains("robot.drives.inner_toe_a.node=1, robot.limits.overruns_per_s=10)"), "{error}");
+    }
 }

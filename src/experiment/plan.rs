@@ -18,30 +18,22 @@
 //! time_s = 3000.0
 //! ```
 
+use crate::config::raw::{self, Node, Origin, Raw};
+use crate::config::reader::{self, Log, Range, Reader, range};
+use crate::config::{Errors, Setting};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use toml::{Table, Value};
 
 /// Makes what is drawn per run another stream than the noise of the simulated robot.
 const STREAM: u64 = 0x6472_6177;
-
-/// Why a file is no experiment.
-#[derive(Debug, thiserror::Error)]
-pub enum PlanError {
-    /// Not TOML, an unknown key, a wrong type.
-    #[error(transparent)]
-    Toml(#[from] toml::de::Error),
-    /// It reads, but cannot be done.
-    #[error("{key}: {what}")]
-    Wrong {
-        /// Which key.
-        key: String,
-        /// What is wrong with it.
-        what: String,
-    },
-}
+/// How long a run may be.
+const TIME_S: Range = range(1e-3, 1e7, "s");
+/// Steps after which a run may end.
+const MOST_STEPS: i64 = u32::MAX as i64;
+/// By how much the real machine may differ from the model.
+const ERROR_SHARE: Range = range(0.0, 0.9, "1");
 
 /// When a run ends although nothing fell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -53,38 +45,11 @@ pub struct Stop {
     pub time_s: f64,
 }
 
-/// Shares by which the real machine may differ from the model of controller and observer.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ModelError {
-    /// Inertia of each leg and of the body, .1 = ±10 %.
-    pub inertia: f64,
-    /// Viscous and Coulomb friction of the hip.
-    pub friction: f64,
-}
-
-/// As typed.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Typed {
-    about: String,
-    seeds: String,
-    #[serde(default)]
-    set: Table,
-    #[serde(default)]
-    axes: Table,
-    #[serde(default)]
-    draw: Table,
-    #[serde(default)]
-    model_error: Option<ModelError>,
-    stop: Stop,
-}
-
 /// One value of an axis.
 #[derive(Clone, Debug, PartialEq)]
 struct Choice {
     label: String,
-    overrides: Vec<String>,
+    overrides: Vec<Setting>,
     draw: Vec<Drawn>,
 }
 
@@ -99,12 +64,13 @@ struct Axis {
 #[derive(Clone, Debug, PartialEq)]
 struct Drawn {
     key: String,
+    at: Origin,
     ranges: Vec<[f64; 2]>,
     is_list: bool,
 }
 
 /// Labels, keys and draws of one choice on every axis.
-type Combination = (BTreeMap<String, String>, Vec<String>, Vec<Drawn>);
+type Combination = (BTreeMap<String, String>, Vec<Setting>, Vec<Drawn>);
 
 /// An experiment.
 #[derive(Clone, Debug)]
@@ -115,7 +81,8 @@ pub struct Plan {
     pub seeds: [u64; 2],
     /// When a run ends.
     pub stop: Stop,
-    set: Vec<String>,
+    seeds_at: Origin,
+    set: Vec<Setting>,
     axes: Vec<Axis>,
     draw: Vec<Drawn>,
 }
@@ -129,8 +96,8 @@ pub struct RunPlan {
     pub axes: BTreeMap<String, String>,
     /// Its seed.
     pub seed: u64,
-    /// The configuration, `key=value`, without what the seed draws.
-    pub overrides: Vec<String>,
+    /// The configuration without what the seed draws.
+    pub overrides: Vec<Setting>,
     draw: Vec<Drawn>,
 }
 
@@ -138,31 +105,38 @@ impl Plan {
     /// Reads the text of a file.
     ///
     /// # Errors
-    /// [`PlanError`].
-    pub fn parse(text: &str) -> Result<Self, PlanError> {
-        let typed: Typed = toml::from_str(text)?;
-        let mut set = assignments("", &typed.set);
-        if let Some(error) = typed.model_error {
-            set.push(format!("sim.model_error.inertia={:?}", error.inertia));
-            set.push(format!("sim.model_error.friction={:?}", error.friction));
+    /// Everything that is wrong, at once.
+    pub fn parse(file: &str, text: &str) -> Result<Self, Errors> {
+        let node = raw::parse(file, text).map_err(Errors)?;
+        let log = Log::default();
+        let plan = reader::read(&log, "", &node, |r| Self::read(r, &node));
+        log.finish()?;
+        Ok(plan)
+    }
+
+    fn read(r: &Reader<'_>, file: &Node) -> Self {
+        let set = named(r, "set").map(|(_, key, node)| Setting::of_node(&key, node));
+        let error = r.optional_table("model_error", |r| {
+            // Only checked: the simulation reads them as keys of its own.
+            ["inertia", "friction"].map(|key| r.number(key, ERROR_SHARE))
+        });
+        let error = error.and_then(|_| r.optional_node("model_error")).into_iter().flat_map(Node::leaves);
+        let error = error.map(|(key, node)| Setting::of_node(&format!("sim.model_error.{key}"), node));
+        Self {
+            about: r.text("about"),
+            seeds: seeds(&r.text("seeds")).unwrap_or_else(|what| {
+                r.refuse("seeds", &what);
+                [0, 0]
+            }),
+            seeds_at: r.optional_node("seeds").unwrap_or(file).at.clone(),
+            stop: r.table("stop", |r| Stop {
+                steps: r.optional_integer("steps", 1, MOST_STEPS),
+                time_s: r.number("time_s", TIME_S),
+            }),
+            set: set.chain(error).collect(),
+            axes: named(r, "axes").filter_map(|(place, key, node)| axis(r, &place, key, node)).collect(),
+            draw: named(r, "draw").filter_map(|(place, key, node)| drawn(r, &place, key, node)).collect(),
         }
-        if !(typed.stop.time_s > 0.0 && typed.stop.time_s.is_finite()) {
-            return Err(wrong("stop.time_s", "must be above 0 s"));
-        }
-        Ok(Self {
-            about: typed.about,
-            seeds: seeds(&typed.seeds).map_err(|what| wrong("seeds", &what))?,
-            stop: typed.stop,
-            set,
-            axes: leaves("", &typed.axes)
-                .into_iter()
-                .map(|(key, value)| axis(key, &value))
-                .collect::<Result<_, _>>()?,
-            draw: leaves("", &typed.draw)
-                .into_iter()
-                .map(|(key, value)| drawn(key, &value))
-                .collect::<Result<_, _>>()?,
-        })
     }
 
     /// All runs, seeds fastest.
@@ -183,7 +157,7 @@ impl Plan {
         for (axes, set, draw) in combinations {
             for seed in self.seeds[0]..=self.seeds[1] {
                 let mut overrides = set.clone();
-                overrides.push(format!("sim.seed={seed}"));
+                overrides.push(Setting { at: self.seeds_at.clone(), text: format!("sim.seed={seed}") });
                 runs.push(RunPlan { index: runs.len(), axes: axes.clone(), seed, overrides, draw: draw.clone() });
             }
         }
@@ -198,9 +172,9 @@ impl RunPlan {
         !self.draw.is_empty()
     }
 
-    /// What the seed draws, `key=value`; `attempt` counts draws that no robot can start from.
+    /// What the seed draws; `attempt` counts draws that no robot can start from.
     #[must_use]
-    pub fn drawn(&self, attempt: u32) -> Vec<String> {
+    pub fn drawn(&self, attempt: u32) -> Vec<Setting> {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ STREAM);
         rng.set_stream(u64::from(attempt));
         #[expect(clippy::cast_precision_loss, reason = "53 bits")]
@@ -210,7 +184,8 @@ impl RunPlan {
             let values: Vec<String> =
                 d.ranges.iter().map(|[low, high]| format!("{:?}", low + (high - low) * uniform())).collect();
             let text = values.join(", ");
-            out.push(if d.is_list { format!("{}=[{text}]", d.key) } else { format!("{}={text}", d.key) });
+            let text = if d.is_list { format!("{}=[{text}]", d.key) } else { format!("{}={text}", d.key) };
+            out.push(Setting { at: d.at.clone(), text });
         }
         out
     }
@@ -228,69 +203,69 @@ pub fn seeds(text: &str) -> Result<[u64; 2], String> {
     }
 }
 
-fn wrong(key: &str, what: &str) -> PlanError {
-    PlanError::Wrong { key: key.to_owned(), what: what.to_owned() }
+/// Leaves of a table that may be left out: place in the file, key of the configuration, value.
+fn named<'a>(r: &'a Reader<'_>, table: &'static str) -> impl Iterator<Item = (String, String, &'a Node)> {
+    let node = r.optional_node(table).filter(|node| {
+        let is_table = node.table().is_some();
+        if !is_table {
+            r.refuse(table, "must be a table");
+        }
+        is_table
+    });
+    node.into_iter().flat_map(Node::leaves).map(move |(key, node)| (format!("{table}.{key}"), key, node))
 }
 
-/// `key=value` of every leaf.
-fn assignments(path: &str, table: &Table) -> Vec<String> {
-    leaves(path, table).into_iter().map(|(key, value)| format!("{key}={value}")).collect()
+fn axis(r: &Reader<'_>, place: &str, key: String, node: &Node) -> Option<Axis> {
+    let Raw::List(items) = &node.value else {
+        r.refuse_node(place, node, "must be a list: an axis has values");
+        return None;
+    };
+    if items.is_empty() {
+        r.refuse_node(place, node, "must have a value at least");
+    }
+    Some(Axis { choices: items.iter().filter_map(|item| choice(r, place, &key, item)).collect(), key })
 }
 
-fn leaves(path: &str, table: &Table) -> Vec<(String, Value)> {
-    let mut out = Vec::new();
-    for (key, value) in table {
-        let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-        match value {
-            Value::Table(inner) => out.extend(leaves(&path, inner)),
-            leaf => out.push((path, leaf.clone())),
+fn choice(r: &Reader<'_>, place: &str, key: &str, item: &Node) -> Option<Choice> {
+    let Some(bundle) = item.table() else {
+        let label = if let Raw::Text(text) = &item.value { text.clone() } else { item.inline() };
+        return Some(Choice { label, overrides: vec![Setting::of_node(key, item)], draw: Vec::new() });
+    };
+    let Some(Raw::Text(label)) = bundle.get("label").map(|node| &node.value) else {
+        r.refuse_node(place, item, "a bundle of keys needs a label: { label = \"...\", set = { ... } }");
+        return None;
+    };
+    for (name, node) in bundle {
+        if !["label", "set", "draw"].contains(&name.as_str()) {
+            r.refuse_node(&format!("{place}.{name}"), node, "unknown key; known here: label, set, draw");
+        } else if name != "label" && node.table().is_none() {
+            r.refuse_node(&format!("{place}.{name}"), node, "must be a table");
         }
     }
-    out
+    let leaves = |name: &str| bundle.get(name).filter(|node| node.table().is_some()).into_iter().flat_map(Node::leaves);
+    let overrides = leaves("set").map(|(key, node)| Setting::of_node(&key, node)).collect();
+    let draw = leaves("draw").filter_map(|(key, node)| drawn(r, &format!("{place}.draw.{key}"), key, node)).collect();
+    Some(Choice { label: label.clone(), overrides, draw })
 }
 
-fn axis(key: String, value: &Value) -> Result<Axis, PlanError> {
-    let Value::Array(items) = value else { return Err(wrong(&key, "an axis is a list of values")) };
-    let choices = items.iter().map(|item| choice(&key, item)).collect::<Result<Vec<_>, _>>()?;
-    if choices.is_empty() {
-        return Err(wrong(&key, "has no values"));
+fn drawn(r: &Reader<'_>, place: &str, key: String, node: &Node) -> Option<Drawn> {
+    let items = if let Raw::List(items) = &node.value { items.as_slice() } else { &[] };
+    let is_list = items.iter().all(|item| matches!(item.value, Raw::List(_)));
+    let ranges: Option<Vec<[f64; 2]>> =
+        if is_list { items.iter().map(ends).collect() } else { ends(node).map(|ends| vec![ends]) };
+    match ranges.filter(|ranges| !ranges.is_empty()) {
+        Some(ranges) => Some(Drawn { key, at: node.at.clone(), ranges, is_list }),
+        None => {
+            r.refuse_node(place, node, "must be [low, high] with low not above high, or a list of these");
+            None
+        }
     }
-    Ok(Axis { key, choices })
 }
 
-fn choice(key: &str, item: &Value) -> Result<Choice, PlanError> {
-    let Value::Table(bundle) = item else {
-        let label = item.as_str().map_or_else(|| item.to_string(), str::to_owned);
-        return Ok(Choice { label, overrides: vec![format!("{key}={item}")], draw: Vec::new() });
-    };
-    let label = bundle.get("label").and_then(Value::as_str);
-    let label =
-        label.ok_or_else(|| wrong(key, "a bundle of keys needs a label: { label = \"...\", set = { ... } }"))?;
-    let inner = |name: &str| match bundle.get(name) {
-        None => Ok(Table::new()),
-        Some(Value::Table(table)) => Ok(table.clone()),
-        Some(_) => Err(wrong(key, &format!("`{name}` must be a table"))),
-    };
-    let draw =
-        leaves("", &inner("draw")?).into_iter().map(|(key, value)| drawn(key, &value)).collect::<Result<_, _>>()?;
-    if let Some(unknown) = bundle.keys().find(|k| !["label", "set", "draw"].contains(&k.as_str())) {
-        return Err(wrong(key, &format!("unknown key `{unknown}` in a bundle; known: label, set, draw")));
-    }
-    Ok(Choice { label: label.to_owned(), overrides: assignments("", &inner("set")?), draw })
-}
-
-fn drawn(key: String, value: &Value) -> Result<Drawn, PlanError> {
-    let what = "must be [low, high], or a list of these";
-    let Value::Array(items) = value else { return Err(wrong(&key, what)) };
-    let is_list = items.iter().all(Value::is_array);
-    let ranges = if is_list { items.iter().map(range).collect() } else { range(value).map(|r| vec![r]) };
-    let ranges: Vec<[f64; 2]> = ranges.filter(|r: &Vec<[f64; 2]>| !r.is_empty()).ok_or_else(|| wrong(&key, what))?;
-    Ok(Drawn { key, ranges, is_list })
-}
-
-fn range(value: &Value) -> Option<[f64; 2]> {
-    let number = |v: &Value| v.as_float().or_else(|| v.as_integer().and_then(|n| i32::try_from(n).ok()).map(f64::from));
-    match value.as_array()?.as_slice() {
+fn ends(node: &Node) -> Option<[f64; 2]> {
+    let Raw::List(items) = &node.value else { return None };
+    let number = |node: &Node| if let Raw::Number { value, .. } = node.value { Some(value) } else { None };
+    match items.as_slice() {
         [low, high] => Some([number(low)?, number(high)?]).filter(|[low, high]| low <= high),
         _ => None,
     }
@@ -319,9 +294,14 @@ friction = 0.2
 time_s = 5.0
 "#;
 
+    fn load(settings: &[Setting]) -> crate::config::checked::Simulation {
+        let choice = crate::config::Choice { overrides: settings, ..crate::config::Choice::default() };
+        crate::config::load_choice(choice).unwrap().config.simulation
+    }
+
     #[test]
     fn every_combination_of_axes_and_seeds_is_a_run() {
-        let plan = Plan::parse(TEXT).unwrap();
+        let plan = Plan::parse("e.toml", TEXT).unwrap();
         let runs = plan.runs();
         assert_eq!(runs.len(), 2 * 2 * 3);
         assert!(runs.iter().enumerate().all(|(i, run)| run.index == i));
@@ -330,38 +310,45 @@ time_s = 5.0
         for run in &runs {
             let mut keys = run.overrides.clone();
             keys.extend(run.drawn(0));
-            crate::config::load(None, &keys).unwrap();
+            load(&keys);
         }
-        let pushes = &crate::config::load(None, &runs[5].overrides).unwrap().config.simulation.pushes;
+        let pushes = load(&runs[5].overrides).pushes;
         assert_eq!(pushes.len(), 1);
     }
 
     #[test]
     fn what_is_drawn_depends_on_seed_and_attempt_alone_and_stays_within() {
-        let runs = Plan::parse(&TEXT.replace("3..5", "1..200")).unwrap().runs();
+        let runs = Plan::parse("e.toml", &TEXT.replace("3..5", "1..200")).unwrap().runs();
         assert_eq!(runs[0].drawn(0), runs[200].drawn(0), "the same seed on another axis");
         assert_ne!(runs[0].drawn(0), runs[1].drawn(0));
         assert_ne!(runs[0].drawn(0), runs[0].drawn(1));
         for run in &runs[..200] {
-            let keys = run.drawn(0);
-            let sim = crate::config::load(None, &keys).unwrap().config.simulation;
+            let sim = load(&run.drawn(0));
             assert!(sim.initial_angle_rad[0].abs() <= 0.01 && sim.initial_angle_rad[1].abs() <= 0.1);
         }
     }
 
     #[test]
     fn what_is_wrong_is_named() {
-        for (from, to, key) in [
-            ("\"3..5\"", "\"5..3\"", "seeds"),
-            ("[\"balance\", \"idle\"]", "\"balance\"", "control.controller"),
-            ("[1.0, 2.0]\n[model", "[2.0, 1.0]\n[model", "sim.release_after_s"),
-            ("time_s = 5.0\n", "time_s = 0.0\n", "stop.time_s"),
-            ("label = \"none\"", "name = \"none\"", "push"),
-            ("about", "subject", "unknown field"),
+        for (from, to, told) in [
+            ("\"3..5\"", "\"5..3\"", "e.toml:3: seeds = \"5..3\": "),
+            (
+                "[\"balance\", \"idle\"]",
+                "\"balance\"",
+                "e.toml:8: axes.control.controller = \"balance\": must be a list",
+            ),
+            ("[1.0, 2.0]\n[model", "[2.0, 1.0]\n[model", "e.toml:12: draw.sim.release_after_s = [2.0, 1.0]: must be"),
+            ("time_s = 5.0\n", "time_s = 0.0\n", "e.toml:17: stop.time_s = 0.0: must be 0.001 to"),
+            ("label = \"none\"", "name = \"none\"", "e.toml:9: axes.push = a table: a bundle of keys needs a label"),
+            ("about", "subject", "e.toml:2: subject = \"test\": unknown key; known here: about, axes"),
+            ("inertia = 0.1", "inertia = 2", "e.toml:14: model_error.inertia = 2: must be 0 to 0.9"),
+            ("[stop]", "[stop", "e.toml:16: not TOML"),
         ] {
-            let error = Plan::parse(&TEXT.replace(from, to)).unwrap_err().to_string();
-            assert!(error.contains(key), "{from}: {error}");
+            let error = Plan::parse("e.toml", &TEXT.replace(from, to)).unwrap_err().to_string();
+            assert!(error.contains(told), "{from}: {error}");
         }
+        let both = TEXT.replace("\"3..5\"", "\"5..3\"").replace("about", "subject").replace("5.0\n", "-1.0\n");
+        assert_eq!(Plan::parse("e.toml", &both).unwrap_err().0.len(), 4, "the missing `about` among them");
     }
 
     #[test]
@@ -370,7 +357,7 @@ time_s = 5.0
         let files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().path()).collect();
         assert!(files.len() >= 5);
         for file in files {
-            let plan = Plan::parse(&std::fs::read_to_string(&file).unwrap());
+            let plan = Plan::parse("e.toml", &std::fs::read_to_string(&file).unwrap());
             assert!(plan.is_ok_and(|p| !p.runs().is_empty()), "{}", file.display());
         }
     }
