@@ -2,7 +2,7 @@
 
 use super::output::{must_be_folder, spare_inputs};
 use super::{Outcome, Run, UsageError, warn};
-use crate::identify::experiment::{Recording, load_rig};
+use crate::identify::experiment::{ExperimentError, Recording, load_rig};
 use crate::identify::outliers::clean;
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
 use crate::model::rig::{RecordingEntry, Rig, Setup, Use};
@@ -20,6 +20,7 @@ use std::path::{Path, PathBuf};
 Examples:
   compass predict cases/pendulum/rig.toml            all recordings beside the rig
   compass predict model.toml run_c.csv --out run_c_predicted.csv       one; a plot goes beside: run_c_predicted.svg
+  compass predict answer/model.toml --case cases/pendulum              a model that a diagnosis wrote: all of its case
   compass predict answer/model.toml REC.mcap --setup inner_stance --window-s 0.5      a recording of the robot itself
 
 A free run follows the recorded inputs; only the initial state of each window is fitted. NRMSE: error over the
@@ -29,8 +30,11 @@ Exit codes: 0 done, 2 usage, 3 bad input.")]
 pub(crate) struct Args {
     /// Model or rig file
     model: PathBuf,
-    /// Recording; without it every recording that the file names, beside it
+    /// Recording; without it every recording that the file names, beside it or in --case
     recording: Option<PathBuf>,
+    /// Folder of the recordings that the file names, if they do not lie beside it
+    #[arg(long, value_name = "DIR", conflicts_with = "recording")]
+    case: Option<PathBuf>,
     /// Where the prediction goes: a CSV file (a folder if no recording is named)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -58,7 +62,7 @@ impl Run for Args {
             ("NRMSE", Align::Right),
         ]);
         for (index, path) in targets {
-            let recording = Recording::load(&rig, index, &path)?;
+            let recording = Recording::load(&rig, index, &path).map_err(|error| self.with_place(error))?;
             warn::of_input(std::slice::from_ref(&recording))?;
             // As the report has it: compared without transmission errors, which no model explains.
             let (same_use, _) = clean(&rig, self.of_same_use(&rig, &recording, &path));
@@ -94,7 +98,7 @@ impl Args {
             rig.recordings.iter_mut().for_each(|r| r.window_s = Some(window_s));
         }
         let Some(path) = &self.recording else {
-            let folder = self.model.parent().unwrap_or(Path::new("."));
+            let folder = self.case.as_deref().or(self.model.parent()).unwrap_or(Path::new("."));
             return Ok(rig.recordings.iter().map(|r| folder.join(&r.file)).enumerate().collect());
         };
         let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
@@ -134,6 +138,21 @@ impl Args {
         let file = if self.recording.is_some() { out.to_owned() } else { out.join(recording) };
         let plot = file.with_extension("svg");
         (file, plot)
+    }
+
+    /// Where a recording that is not there was looked for, and what else there is: a model that a diagnosis wrote names
+    /// the recordings as its case does, and lies elsewhere.
+    fn with_place(&self, error: ExperimentError) -> anyhow::Error {
+        let is_named = self.recording.is_none() && self.case.is_none();
+        let is_gone = matches!(&error, ExperimentError::File { cause, .. } if cause.kind() == io::ErrorKind::NotFound);
+        let error = anyhow::Error::from(error);
+        if !(is_named && is_gone) {
+            return error;
+        }
+        let model = self.model.display();
+        error.context(format!(
+            "{model} names recordings that do not lie beside it; say where by --case DIR, or name one"
+        ))
     }
 
     /// A recording that the file does not name.
@@ -218,4 +237,36 @@ pub(super) fn csv(times: &[f64], names: &[&str], columns: &[Vec<f64>]) -> String
         text.push('\n');
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn run(line: &[&str]) -> anyhow::Result<Outcome> {
+        Line::try_parse_from(["predict"].iter().chain(line)).unwrap().args.run()
+    }
+
+    #[test]
+    fn a_model_that_lies_elsewhere_than_its_recordings_is_told_where_they_are() {
+        let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/pendulum");
+        let folder = tempfile::tempdir().unwrap();
+        let model = folder.path().join("model.toml");
+        fs::copy(case.join("rig.toml"), &model).unwrap();
+        let model = model.to_str().unwrap();
+        let error = format!("{:#}", run(&[model]).unwrap_err());
+        assert!(
+            error.contains("model.toml names recordings that do not lie beside it; say where by --case DIR"),
+            "{error}"
+        );
+        assert!(error.contains("run_a.csv: is not there"), "{error}");
+        assert_eq!(run(&[model, "--case", case.to_str().unwrap()]).unwrap(), Outcome::Fine);
+    }
 }

@@ -89,13 +89,15 @@ pub struct Experiment {
 /// Why a case cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
-    /// A file cannot be opened.
-    #[error("{}: cannot be read; a case is a folder with rig.toml and, beside it, the recordings that it names", path.display())]
+    /// A file cannot be read.
+    #[error("{}: {}", path.display(), unreadable(*wanted, cause))]
     File {
         /// Which.
         path: PathBuf,
-        /// Why.
-        source: io::Error,
+        /// What it should be.
+        wanted: Wanted,
+        /// Why. In the words above, so not told again as their source.
+        cause: io::Error,
     },
     /// The rig file is wrong.
     #[error(transparent)]
@@ -108,13 +110,39 @@ pub enum ExperimentError {
     Form(String),
 }
 
+/// What a file should be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// A folder with `rig.toml` and its recordings.
+    Case,
+    /// A rig file.
+    Rig,
+    /// A recording.
+    Recording,
+}
+
+/// What is wrong with a file that cannot be read, and what it must be.
+fn unreadable(wanted: Wanted, cause: &io::Error) -> String {
+    let must_be = match wanted {
+        Wanted::Case => "must be a case: a folder with rig.toml and, beside it, the recordings that it names",
+        Wanted::Rig => "must be a rig file, such as the rig.toml of a case",
+        Wanted::Recording => "must be a recording: a CSV file, or an .mcap of our own controller",
+    };
+    match cause.kind() {
+        io::ErrorKind::NotFound => format!("is not there; {must_be}"),
+        io::ErrorKind::IsADirectory => format!("is a folder; {must_be}"),
+        io::ErrorKind::NotADirectory => format!("is a file; {must_be}"),
+        _ => format!("cannot be read ({cause}); {must_be}"),
+    }
+}
+
 impl Experiment {
     /// Reads `case/rig.toml` and the recordings that it names.
     ///
     /// # Errors
     /// The first file that cannot be used; within it everything that is wrong.
     pub fn load(case: &Path) -> Result<Self, ExperimentError> {
-        let rig = load_rig(&case.join("rig.toml"))?;
+        let rig = load_rig(&case.join("rig.toml")).map_err(|error| of_case(error, case))?;
         let mut recordings = Vec::new();
         let mut wrong = Vec::new();
         for (index, entry) in rig.recordings.iter().enumerate() {
@@ -133,12 +161,27 @@ impl Experiment {
     }
 }
 
+/// A rig that cannot be read, where a case was named: the folder is told if it is none.
+fn of_case(error: ExperimentError, case: &Path) -> ExperimentError {
+    match error {
+        ExperimentError::File { path, cause, .. } => {
+            let path = if case.is_dir() { path } else { case.to_owned() };
+            ExperimentError::File { path, wanted: Wanted::Case, cause }
+        }
+        other => other,
+    }
+}
+
 /// Reads a rig file.
 ///
 /// # Errors
 /// The file cannot be read, or all that is wrong with it.
 pub fn load_rig(path: &Path) -> Result<Rig, ExperimentError> {
-    let text = fs::read_to_string(path).map_err(|source| ExperimentError::File { path: path.to_owned(), source })?;
+    let text = fs::read_to_string(path).map_err(|cause| ExperimentError::File {
+        path: path.to_owned(),
+        wanted: Wanted::Rig,
+        cause,
+    })?;
     Ok(Rig::parse(&text, &path.display().to_string())?)
 }
 
@@ -152,12 +195,17 @@ impl Recording {
             .recordings
             .get(index)
             .ok_or_else(|| ExperimentError::Form(format!("the rig has no recording number {index}")))?;
+        let unread = |cause| ExperimentError::File { path: path.to_owned(), wanted: Wanted::Recording, cause };
         if path.extension().is_some_and(|e| e == "mcap") {
+            // What is no file is told alike for both kinds.
+            if !path.is_file() {
+                fs::read(path).map_err(unread)?;
+            }
             let own = Own::read(path)?;
             return Self::from_table(rig, index, entry, &own.table).map_err(ExperimentError::Table);
         }
         let file = path.display().to_string();
-        let bytes = fs::read(path).map_err(|source| ExperimentError::File { path: path.to_owned(), source })?;
+        let bytes = fs::read(path).map_err(unread)?;
         let table = Table::parse(&file, &bytes).map_err(ExperimentError::Table)?;
         Self::from_table(rig, index, entry, &table).map_err(ExperimentError::Table)
     }

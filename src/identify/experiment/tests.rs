@@ -148,3 +148,35 @@ fn windows_that_hold_a_row_or_two_are_refused_with_the_likely_reason() {
     }
     assert!(load_with(&windowed, &edited(|_| {})).is_ok());
 }
+
+#[test]
+fn what_cannot_be_read_is_told_by_what_it_should_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let told = |result: Result<Experiment, ExperimentError>| result.unwrap_err().to_string();
+    assert!(told(Experiment::load(&at("none"))).contains("none: is not there; must be a case: a folder"));
+    let no_rig = told(Experiment::load(folder.path()));
+    assert!(no_rig.contains("rig.toml: is not there; must be a case"), "{no_rig}");
+    fs::write(at("rig.toml"), RIG).unwrap();
+    let file = told(Experiment::load(&at("rig.toml")));
+    assert!(
+        file.ends_with(
+            "/rig.toml: is a file; must be a case: a folder with rig.toml and, beside it, the recordings that it names"
+        ),
+        "{file}"
+    );
+    let csv = told(Experiment::load(folder.path()));
+    assert!(csv.contains("a.csv: is not there; must be a recording"), "{csv}");
+    fs::create_dir(at("a.csv")).unwrap();
+    let folder_given = told(Experiment::load(folder.path()));
+    assert!(folder_given.contains("a.csv: is a folder; must be a recording"), "{folder_given}");
+    let cause = std::error::Error::source(&Experiment::load(&at("none")).unwrap_err()).map(ToString::to_string);
+    assert_eq!(cause, None, "told once");
+    let rig = super::load_rig(&at("no.toml")).unwrap_err().to_string();
+    assert!(rig.contains("no.toml: is not there; must be a rig file"), "{rig}");
+    let rig = Rig::parse(RIG, "rig.toml").unwrap();
+    for (name, told) in [("no.mcap", "no.mcap: is not there; must be a recording"), ("a.csv", "is a folder")] {
+        let error = Recording::load(&rig, 0, &at(name)).unwrap_err().to_string();
+        assert!(error.contains(told), "{error}");
+    }
+}
