@@ -2,7 +2,7 @@
 
 use super::config_args::ConfigArgs;
 use super::output::{must_be_folder, spare_inputs};
-use super::{Outcome, Run, UsageError, progress};
+use super::{MOST_JOBS, Outcome, Run, UsageError, from_one, progress};
 use crate::experiment::campaign::{Base, Campaign, CampaignError, Effort, Progress};
 use crate::experiment::ledger::{Ledger, write_whole};
 use crate::experiment::plan::{self, Plan};
@@ -40,7 +40,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "A..B", value_parser = plan::seeds)]
     seeds: Option<[u64; 2]>,
     /// Threads; all cores if left out
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = from_one::<usize>(MOST_JOBS))]
     jobs: Option<usize>,
     /// Only every n-th run, beginning with the k-th; the folder may be shared by all shards
     #[arg(long, value_name = "K/N", value_parser = shard)]
@@ -80,7 +80,7 @@ impl Run for Args {
 impl Args {
     fn go(&self, campaign: &Campaign, ledger: &mut Ledger) -> anyhow::Result<()> {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let effort = Effort { jobs: self.jobs.unwrap_or(cores).max(1), shard: self.shard.unwrap_or([1, 1]) };
+        let effort = Effort { jobs: self.jobs.unwrap_or(cores), shard: self.shard.unwrap_or([1, 1]) };
         let open = campaign.open(ledger, effort.shard).map_err(usage)?;
         let bar = progress::bar(1000 * open as u64, "running");
         let (mut ended, mut completed) = (0_usize, 0_usize);

@@ -35,6 +35,7 @@ mod warn;
 mod watch;
 mod zero;
 
+use clap::builder::RangedU64ValueParser;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -106,6 +107,18 @@ impl Run for Command {
     }
 }
 
+/// Reads a whole number from 1 to `most`.
+fn from_one<T>(most: u32) -> RangedU64ValueParser<T>
+where
+    T: TryFrom<u64> + Clone + Send + Sync + 'static,
+    <T as TryFrom<u64>>::Error: std::error::Error + Send + Sync + 'static,
+{
+    RangedU64ValueParser::new().range(1..=u64::from(most))
+}
+
+/// Threads, or cases at the same time: more than any machine has use for.
+const MOST_JOBS: u32 = 1024;
+
 /// A subcommand, ready to go.
 trait Run {
     /// Does it.
@@ -152,5 +165,29 @@ mod tests {
                 command.get_name()
             );
         }
+    }
+
+    #[test]
+    fn none_of_something_that_must_be_is_refused_with_what_is_allowed() {
+        for line in [
+            &["trial", "--cases", "0"][..],
+            &["trial", "--jobs", "0"],
+            &["trial", "--resplit", "c", "--truth", "t", "--variants", "0"],
+            &["experiment", "e.toml", "--out", "o", "--jobs", "0"],
+            &["score", "c", "--truth", "t", "--jobs", "0"],
+            &["sim", "--soak", "0"],
+        ] {
+            let error = usage_error(line);
+            assert!(error.contains("invalid value '0'") && error.contains("0 is not in 1..="), "{line:?}: {error}");
+        }
+        let error = usage_error(&["trial", "--seconds", "1", "--out", "/nowhere/trial"]);
+        assert!(error.contains("--seconds 1: must be 2 to 600 s"), "{error}");
+    }
+
+    #[test]
+    fn a_score_without_any_truth_is_refused_before_the_first_diagnosis() {
+        let cases = concat!(env!("CARGO_MANIFEST_DIR"), "/cases");
+        let error = usage_error(&["score", cases, "--truth", "/nowhere/truth"]);
+        assert!(error.contains("--truth: /nowhere/truth: must be a folder with CASE.json or CASE.toml"), "{error}");
     }
 }

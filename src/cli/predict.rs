@@ -5,7 +5,7 @@ use super::{Outcome, Run, UsageError, warn};
 use crate::identify::experiment::{ExperimentError, Recording, load_rig};
 use crate::identify::outliers::clean;
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
-use crate::model::rig::{RecordingEntry, Rig, Setup, Use};
+use crate::model::rig::{MechanismKind, RecordingEntry, Rig, Setup, Use};
 use crate::report::plot::comparison;
 use crate::report::table::{Align, Table};
 use anyhow::Context;
@@ -157,11 +157,7 @@ impl Args {
 
     /// A recording that the file does not name.
     fn entry(&self, rig: &Rig, file: String) -> anyhow::Result<RecordingEntry> {
-        let setup = self
-            .setup
-            .as_deref()
-            .map(|id| Setup::from_id(id).ok_or_else(|| UsageError(format!("--setup {id}: no such set-up"))));
-        let setup = setup.transpose()?;
+        let setup = setup_of(self.setup.as_deref(), rig.mechanism)?;
         if rig.mechanism.has_ground() && setup.is_none() {
             return Err(
                 UsageError(format!("`{file}` is not in the model file: say how it was set up (--setup)")).into()
@@ -206,6 +202,18 @@ impl Args {
             channels.map(|(name, (y, p))| (*name, y.as_slice(), p.as_slice())).collect();
         fs::write(&plot, comparison(&recording.times, &channels)).with_context(|| plot.display().to_string())
     }
+}
+
+/// The set-up that `--setup` names, if this mechanism has any.
+pub(super) fn setup_of(id: Option<&str>, mechanism: MechanismKind) -> Result<Option<Setup>, UsageError> {
+    let Some(id) = id else { return Ok(None) };
+    if !mechanism.has_ground() {
+        let what = "only the compass gait has set-ups, the mechanism of this rig is";
+        return Err(UsageError(format!("--setup {id}: {what} `{}`", mechanism.id())));
+    }
+    let known: Vec<&str> = Setup::ALL.iter().map(|setup| setup.id()).collect();
+    let setup = Setup::from_id(id);
+    setup.map(Some).ok_or_else(|| UsageError(format!("--setup {id}: must be one of {}", known.join(", "))))
 }
 
 /// Says how many samples the comparison leaves out.

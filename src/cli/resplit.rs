@@ -44,9 +44,6 @@ impl Plan<'_> {
     /// Writes the variants, settles what they can decide, diagnoses and marks them. Answers and fits that are there are
     /// kept, so the same call goes on where it was interrupted.
     pub(super) fn run(&self) -> anyhow::Result<Outcome> {
-        if self.variants == 0 {
-            bail!("--variants 0: at least one");
-        }
         let truths = self.truths()?;
         let further = self.recordings.iter().flat_map(|more| truths.keys().map(|case| more.join(case)));
         self.spare_inputs(truths.values().map(|(folder, _)| folder.clone()).chain(further).collect())?;

@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::{Context, bail};
 
 use super::output::{files_in, is_same, spare_inputs};
-use super::{Outcome, Run, UsageError, progress};
+use super::{MOST_JOBS, Outcome, Run, UsageError, from_one, progress};
 use crate::trial::score::{CaseMark, Row, RunEnd, Runner, case_table, row, totals_table};
 
 /// Diagnose every case of a folder, compare with the truth, print the table.
@@ -23,7 +23,7 @@ pub(crate) struct Args {
     #[arg(long)]
     truth: PathBuf,
     /// Cases at the same time.
-    #[arg(long, default_value_t = 2)]
+    #[arg(long, default_value_t = 2, value_parser = from_one::<usize>(MOST_JOBS))]
     jobs: usize,
     /// Write the table here as well (text).
     #[arg(long)]
@@ -56,6 +56,7 @@ impl Run for Args {
         };
         spare_cases(&runner, &cases)?;
         spare_inputs("--out", &self.out, &inputs(&cases, &self.truth))?;
+        must_know(&self.truth, &cases)?;
         let rows = score(&runner, &cases, &diagnose(&runner, &cases), &self.truth);
         if self.answers.is_none() {
             // A folder that stays behind is no reason to lose the table.
@@ -63,6 +64,22 @@ impl Run for Args {
         }
         print(&rows, self.out.as_deref())
     }
+}
+
+/// Refuses a folder in which nothing is known of any case, before hours of diagnoses; tells of which cases nothing is.
+fn must_know(truth: &Path, cases: &[PathBuf]) -> anyhow::Result<()> {
+    let names = cases.iter().map(|case| case.file_name().unwrap_or_default().to_string_lossy().into_owned());
+    let is_known = |name: &String| ["json", "toml"].iter().any(|end| truth.join(format!("{name}.{end}")).is_file());
+    let unknown: Vec<String> = names.filter(|name| !is_known(name)).collect();
+    if unknown.len() == cases.len() {
+        let what = "must be a folder with CASE.json or CASE.toml of the cases; there is none of";
+        let text = format!("--truth: {}: {what} {}", truth.display(), unknown.join(", "));
+        return Err(UsageError(text).into());
+    }
+    for name in unknown {
+        writeln!(std::io::stderr(), "warning: {}: nothing is known of {name}", truth.display())?;
+    }
+    Ok(())
 }
 
 /// All files that are read: those of the cases and what is known of them.

@@ -4,7 +4,7 @@ use super::config_args::ConfigArgs;
 use super::faults;
 use super::output::must_be_folder;
 use super::run::duration;
-use super::{Outcome, Run, progress, refused};
+use super::{Outcome, Run, from_one, progress, refused};
 use crate::base::time::Span;
 use crate::config::Resolved;
 use crate::config::fault::Place;
@@ -19,6 +19,8 @@ use std::time::{Duration, Instant};
 
 /// The figures at the end look at so much of the run.
 const TAIL: Span = Span::from_ms(10_000);
+/// Runs of a soak.
+const MOST_RUNS: u32 = 1_000_000_000;
 /// Ticks between two looks at the progress bar.
 const BAR_TICKS: u64 = 1000;
 /// So long we wait for a recorder that is behind before we look again.
@@ -55,7 +57,7 @@ pub(crate) struct Args {
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<String>,
     /// Runs so often with random faults instead, and says whether torque, limits and latch held in every tick
-    #[arg(long, value_name = "RUNS", conflicts_with_all = ["faults", "record", "seed"])]
+    #[arg(long, value_name = "RUNS", value_parser = from_one::<u64>(MOST_RUNS), conflicts_with_all = ["faults", "record", "seed"])]
     soak: Option<u64>,
     /// Records every tick into this folder
     #[arg(long, value_name = "DIR")]

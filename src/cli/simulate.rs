@@ -1,10 +1,10 @@
 //! `compass simulate RIG --input IN.csv --out OUT.csv`: makes a recording from a rig. RT: no.
 
 use super::output::{must_be_folder, spare_inputs};
-use super::predict::csv;
+use super::predict::{csv, setup_of};
 use super::{Outcome, Run, UsageError};
 use crate::identify::experiment::{Recording, load_rig};
-use crate::identify::synthesis::record;
+use crate::identify::synthesis::{initial_numbers, record};
 use crate::identify::thesis::{self, Guess, TABLE_4_1};
 use crate::model::rig::{RecordingEntry, Setup, Use};
 use crate::report::table::{Align, Table, number};
@@ -96,10 +96,7 @@ impl Args {
     fn recording(&self, rig: &Path, input: &Path) -> anyhow::Result<Outcome> {
         spare_inputs("--out", [&self.out], &[rig.to_owned(), input.to_owned()])?;
         let mut rig = load_rig(rig)?;
-        let setup = match &self.setup {
-            None => None,
-            Some(id) => Some(Setup::from_id(id).ok_or_else(|| UsageError(format!("--setup {id}: no such set-up")))?),
-        };
+        let setup = setup_of(self.setup.as_deref(), rig.mechanism)?;
         if rig.mechanism.has_ground() && setup.is_none() {
             return Err(UsageError("the compass gait needs --setup".to_owned()).into());
         }
@@ -119,6 +116,15 @@ impl Args {
         });
         let input = Recording::load(&rig, rig.recordings.len() - 1, input)?;
         (rig.sensors, rig.effects) = (sensors, effects);
+        let most = initial_numbers(&rig, &input)?;
+        if self.initial.len() > most {
+            let what = "coordinates, then their rates, then inner states of effects";
+            return Err(UsageError(format!(
+                "--initial: {} numbers, must be {most} at most: {what}",
+                self.initial.len()
+            ))
+            .into());
+        }
         let made = record(&rig, &input, &self.initial, self.noise.then_some(self.seed))?;
         let mut names: Vec<&str> = rig.actuators.iter().map(|a| a.column.as_str()).collect();
         let mut columns = input.inputs.clone();
@@ -136,5 +142,26 @@ impl Args {
         }
         fs::write(&self.out, csv(&input.times, &names, &columns)).with_context(|| self.out.display().to_string())?;
         Ok(Outcome::Fine)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::cli::tests::usage_error;
+
+    #[test]
+    fn more_initial_numbers_than_states_and_a_set_up_of_another_mechanism_are_refused() {
+        let case = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/pendulum");
+        let (rig, input) = (case.join("rig.toml"), case.join("run_a.csv"));
+        let out = tempfile::tempdir().unwrap();
+        let out = out.path().join("out.csv");
+        let line =
+            ["simulate", rig.to_str().unwrap(), "--input", input.to_str().unwrap(), "--out", out.to_str().unwrap()];
+        let told = |more: &[&str]| usage_error(&[&line, more].concat());
+        let error = told(&["--initial", "1,2,3,4,5"]);
+        assert!(error.contains("--initial: 5 numbers, must be 2 at most: coordinates"), "{error}");
+        let error = told(&["--setup", "walk"]);
+        assert!(error.contains("--setup walk: only the compass gait") && error.contains("`pendulum`"), "{error}");
+        assert!(!out.exists());
     }
 }

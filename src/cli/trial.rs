@@ -10,10 +10,13 @@ use anyhow::{Context, bail};
 use super::output::must_be_folder;
 use super::resplit::Plan;
 use super::score::{diagnose, find_cases, print, score};
-use super::{Outcome, Run, progress};
+use super::{MOST_JOBS, Outcome, Run, UsageError, from_one, progress};
 use crate::trial::generator::Recipe;
 use crate::trial::score::Runner;
 use crate::trial::seal::{Key, TrialFolder, hex, key_of};
+
+/// Cases of a trial, or variants of a case.
+const MOST_CASES: u32 = 100_000;
 
 /// How often the generator's progress is looked at.
 const LOOK: Duration = Duration::from_millis(200);
@@ -29,7 +32,7 @@ Examples:
                                                                the same call again goes on after an interruption")]
 pub(crate) struct Args {
     /// Number of cases.
-    #[arg(long, default_value_t = 30)]
+    #[arg(long, default_value_t = 30, value_parser = from_one::<usize>(MOST_CASES))]
     cases: usize,
     /// Seed of everything that is drawn.
     #[arg(long, default_value_t = 1)]
@@ -38,7 +41,7 @@ pub(crate) struct Args {
     #[arg(long, default_value = "trial")]
     out: PathBuf,
     /// Diagnoses at the same time.
-    #[arg(long, default_value_t = 2)]
+    #[arg(long, default_value_t = 2, value_parser = from_one::<usize>(MOST_JOBS))]
     jobs: usize,
     /// Length of every recording, s.
     #[arg(long, default_value_t = 6.0)]
@@ -72,7 +75,7 @@ pub(crate) struct Args {
     #[arg(long, requires = "resplit", value_name = "DIR")]
     recordings: Option<PathBuf>,
     /// Variants of each hardware case
-    #[arg(long, requires = "resplit", default_value_t = 30)]
+    #[arg(long, requires = "resplit", default_value_t = 30, value_parser = from_one::<usize>(MOST_CASES))]
     variants: usize,
     /// Only hardware cases whose name contains this
     #[arg(long, requires = "resplit")]
@@ -146,7 +149,7 @@ impl Args {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "seconds were checked")]
     fn recipe(&self) -> anyhow::Result<Recipe> {
         if !(2.0..=600.0).contains(&self.seconds) {
-            bail!("--seconds {}: between 2 and 600", self.seconds);
+            return Err(UsageError(format!("--seconds {}: must be 2 to 600 s", self.seconds)).into());
         }
         let healthy = match (self.healthy, self.ill) {
             (true, _) => Some(true),

@@ -49,6 +49,15 @@ pub fn record(rig: &Rig, recording: &Recording, initial: &[f64], seed: Option<u6
     Ok(out)
 }
 
+/// How many numbers an initial state of `rig`, as it is set up in `recording`, has: see [`Machine::initial_layout`].
+///
+/// # Errors
+/// The rig cannot be built.
+pub fn initial_numbers(rig: &Rig, recording: &Recording) -> Result<usize, MachineError> {
+    let setting = Setting::of(rig, Some(recording.index), recording.setup);
+    Ok(Machine::<f64>::new(&setting, &|n: &Number| n.value, 1)?.initial_layout().len())
+}
+
 /// A reading with noise and in steps of the sensor's quantum.
 fn sampled(sensor: &Sensor, mut y: f64, dice: Option<&mut ChaCha8Rng>) -> f64 {
     if let (Some(dice), Some(std)) = (dice, sensor.noise_std) {
