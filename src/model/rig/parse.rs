@@ -20,7 +20,7 @@ pub struct RigError {
     pub file: String,
     /// Line, from 1.
     pub line: usize,
-    /// Key or table concerned.
+    /// Key or table concerned; empty if the text is no TOML.
     pub key: String,
     /// What is wrong and what would be right.
     pub message: String,
@@ -34,7 +34,8 @@ impl fmt::Display for RigErrors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (i, e) in self.0.iter().enumerate() {
             let end = if i + 1 < self.0.len() { "\n" } else { "" };
-            write!(f, "{}:{}: `{}`: {}{end}", e.file, e.line, e.key, e.message)?;
+            let key = if e.key.is_empty() { String::new() } else { format!("`{}`: ", e.key) };
+            write!(f, "{}:{}: {key}{}{end}", e.file, e.line, e.message)?;
         }
         Ok(())
     }
@@ -53,7 +54,8 @@ impl Rig {
                 reader.rig(Fields::new(table.into_inner(), span, "rig"))
             }
             Err(error) => {
-                reader.complain(&error.span().unwrap_or(0..0), "toml", error.message());
+                let message = format!("not TOML: {}", error.message().replace('\n', ", "));
+                reader.complain(&error.span().unwrap_or(0..0), "", message);
                 None
             }
         };
@@ -88,24 +90,22 @@ impl Reader<'_> {
             recordings: Vec::new(),
         };
         rig.parameters = self.parameters(&mut fields, mechanism);
-        for table in self.tables(&mut fields, "actuator", "[[actuator]]") {
+        for table in self.distinct(&mut fields, "actuator", "[[actuator]]", "column") {
             let actuator = self.actuator(table, mechanism);
             rig.actuators.extend(actuator);
         }
-        for table in self.tables(&mut fields, "sensor", "[[sensor]]") {
+        for table in self.distinct(&mut fields, "sensor", "[[sensor]]", "column") {
             let sensor = self.sensor(table, mechanism);
             rig.sensors.extend(sensor);
         }
-        self.distinct_columns(&fields.span.clone(), &rig);
         for table in self.tables(&mut fields, "effect", "[[effect]]") {
             let effect = self.effect(table, &rig, true);
             rig.effects.extend(effect);
         }
-        for table in self.tables(&mut fields, "recording", "[[recording]]") {
+        for table in self.distinct(&mut fields, "recording", "[[recording]]", "file") {
             let entry = self.recording(table, &rig);
             rig.recordings.extend(entry);
         }
-        self.distinct_files(&fields.span.clone(), &rig);
         self.finish(fields, "schema, name, mechanism, numerics, parameters, actuator, sensor, effect, recording");
         Some(rig)
     }
@@ -219,24 +219,19 @@ impl Reader<'_> {
         }
     }
 
-    fn distinct_columns(&mut self, span: &Range<usize>, rig: &Rig) {
-        let columns: Vec<&str> = rig.sensors.iter().map(|s| s.column.as_str()).collect();
-        self.distinct(span, "column", &columns);
-        let columns: Vec<&str> = rig.actuators.iter().map(|a| a.column.as_str()).collect();
-        self.distinct(span, "column", &columns);
-    }
-
-    fn distinct_files(&mut self, span: &Range<usize>, rig: &Rig) {
-        let files: Vec<&str> = rig.recordings.iter().map(|r| r.file.as_str()).collect();
-        self.distinct(span, "file", &files);
-    }
-
-    fn distinct(&mut self, span: &Range<usize>, key: &str, names: &[&str]) {
-        for (i, name) in names.iter().enumerate() {
-            if names[..i].contains(name) {
-                self.complain(span, key, format!("`{name}` is named twice"));
+    /// The tables of `[[key]]`, of which no two may have the same name.
+    fn distinct<'a>(&mut self, fields: &mut Fields<'a>, key: &str, table: &str, name: &str) -> Vec<Fields<'a>> {
+        let tables = self.tables(fields, key, table);
+        let mut known: Vec<String> = Vec::new();
+        for fields in &tables {
+            let Some(item) = fields.table.get(name) else { continue };
+            let Some(text) = item.get_ref().as_str().map(str::to_owned) else { continue };
+            if known.contains(&text) {
+                self.complain(&item.span(), name, format!("`{text}` is named twice"));
             }
+            known.push(text);
         }
+        tables
     }
 }
 

@@ -116,9 +116,30 @@ fn a_rotor_weighs_less_than_rotor_and_link_together() {
 }
 
 #[test]
+fn a_wrong_number_is_shown_with_its_key_and_a_second_name_has_its_own_line() {
+    let value = |typed: &str| {
+        let text = FULL.replacen("gravity_nm = 3", &format!("gravity_nm = {typed}"), 1);
+        Rig::parse(&text, "rig.toml").unwrap_err().to_string()
+    };
+    for (typed, told) in [
+        ("{ value = 1.0, min = nan, max = 2.0 }", "rig.toml:6: `gravity_nm.min`: is nan, must be finite"),
+        ("{ value = 1.0, min = 0.1, max = inf }", "rig.toml:6: `gravity_nm.max`: is inf, must be finite"),
+        ("{ value = \"9.3\" }", "rig.toml:6: `gravity_nm.value`: is \"9.3\", must be a number"),
+        ("\"9.3\"", "rig.toml:6: `gravity_nm`: is \"9.3\", must be a number"),
+    ] {
+        assert_eq!(value(typed), told);
+    }
+    let twice = format!("{FULL}[[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\n");
+    let line = twice.lines().count() - 1;
+    let error = Rig::parse(&twice, "rig.toml").unwrap_err().to_string();
+    assert_eq!(error, format!("rig.toml:{line}: `file`: `a.csv` is named twice"));
+}
+
+#[test]
 fn broken_toml_tells_its_line() {
     let errors = Rig::parse("schema = 1\nname = = 3\nmechanism", "rig.toml").unwrap_err();
     assert_eq!(errors.0[0].line, 2);
+    assert!(errors.to_string().starts_with("rig.toml:2: not TOML: "), "{errors}");
 }
 
 #[test]

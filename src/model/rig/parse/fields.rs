@@ -6,6 +6,9 @@ use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+/// More letters of a wrong value tell nothing.
+const LONGEST_SHOWN: usize = 40;
+
 pub(super) type Item<'a> = Spanned<DeValue<'a>>;
 
 /// A table whose keys are taken one by one; what is left over is unknown.
@@ -84,14 +87,22 @@ impl Reader<'_> {
         match number {
             Some(x) if x.is_finite() => Some(x),
             Some(_) => {
-                self.complain(&item.span(), key, "must be finite");
+                self.complain(&item.span(), key, format!("is {}, must be finite", self.typed(item)));
                 None
             }
             None => {
-                self.complain(&item.span(), key, "must be a number");
+                self.complain(&item.span(), key, format!("is {}, must be a number", self.typed(item)));
                 None
             }
         }
+    }
+
+    /// A value as it stands in the file, its beginning if it is long.
+    fn typed(&self, item: &Item<'_>) -> String {
+        let text = self.text.get(item.span()).unwrap_or_default();
+        let line = text.lines().next().unwrap_or_default();
+        let shown: String = line.chars().take(LONGEST_SHOWN).collect();
+        if shown.len() < text.len() { format!("{shown}...") } else { shown }
     }
 
     pub(super) fn optional_float(&mut self, fields: &mut Fields<'_>, key: &str, low: f64) -> Option<f64> {
@@ -121,10 +132,12 @@ impl Reader<'_> {
             return self.float(key, &item).map(Value::known);
         }
         let mut fields = Fields::new(into_table(item)?, span.clone(), key);
-        let value = self.required(&mut fields, "value").and_then(|i| self.float(key, &i));
-        let min = fields.take("min").and_then(|i| self.float(key, &i));
-        let max = fields.take("max").and_then(|i| self.float(key, &i));
+        let value = self.required(&mut fields, "value").and_then(|i| self.float(&format!("{key}.value"), &i));
+        let ends = ["min", "max"].map(|end| fields.take(end).map(|i| self.float(&format!("{key}.{end}"), &i)));
         self.finish(fields, "value, min, max");
+        // One that is there and no number was told already.
+        let end = |end: Option<Option<f64>>| end.map_or(Some(None), |number| number.map(Some));
+        let (min, max) = (end(ends[0])?, end(ends[1])?);
         let value = value?;
         match (min, max) {
             (None, None) => Some(Value::known(value)),
