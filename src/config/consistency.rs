@@ -3,7 +3,7 @@
 use super::checked::{
     BusBackend, Config, DriveConfig, DriveMode, DriveProtocol, LidarLink, Model, Operator, Robot, SerialBackend,
 };
-use super::problem::Problem;
+use super::problem::{ACROSS_KEYS, Problem};
 use super::reader::Log;
 use super::robot::DRIVE_KEYS;
 use crate::base::can_time::{BitRates, FrameKind};
@@ -116,7 +116,7 @@ fn watchdogs(config: &Config, log: &Log) {
 }
 
 fn problem(key: &str, what: String) -> Problem {
-    Problem { file: "configuration".into(), line: 0, key: key.to_owned(), value: None, what }
+    Problem { file: ACROSS_KEYS.into(), line: 0, key: key.to_owned(), value: None, what }
 }
 
 /// Kinetic energy must be positive: H at the upright, both stances (model notes, section 3).
@@ -160,18 +160,20 @@ fn least_share(moment_squared: f64, inertia: f64) -> f64 {
 }
 
 fn nodes(robot: &Robot, log: &Log) {
-    for (i, a) in robot.drives.iter().enumerate() {
-        for (j, b) in robot.drives.iter().enumerate().skip(i + 1) {
+    let drives: Vec<(&str, &DriveConfig)> = DRIVE_KEYS.into_iter().zip(&robot.drives).collect();
+    for (i, (name, a)) in drives.iter().enumerate() {
+        for (other, b) in &drives[i + 1..] {
             if a.bus != b.bus {
                 continue;
             }
             let alike = std::mem::discriminant(&a.protocol) == std::mem::discriminant(&b.protocol);
+            let keys = format!("robot.drives.{name}.node, robot.drives.{other}.node");
             if alike && a.node == b.node {
-                let what = format!("drives {i} and {j} are both node {} on bus {}", a.node, a.bus);
-                log.error(problem("robot.drives", what));
+                let what = format!("{name} and {other} are both node {} on bus {}", a.node, a.bus);
+                log.error(problem(&keys, what));
             } else if let Some(id) = common_identifier(a, b) {
-                let what = format!("drives {i} and {j} both use identifier {id:#x} on bus {}", a.bus);
-                log.error(problem("robot.drives", what));
+                let what = format!("{name} and {other} both use identifier {id:#x} on bus {}", a.bus);
+                log.error(problem(&keys, what));
             }
         }
     }
@@ -217,22 +219,22 @@ fn toe_springs(config: &Config, log: &Log) {
 
 /// The ranges of an MIT drive must hold what it is asked for.
 fn mit_ranges(robot: &Robot, log: &Log) {
-    for (drive, config) in Drive::ALL.iter().zip(&robot.drives) {
+    for (name, config) in DRIVE_KEYS.iter().zip(&robot.drives) {
         let DriveProtocol::Mit(mit) = config.protocol else { continue };
         let most_nm = config.rated_torque_nm * f64::from(config.max_torque_permille) * 1e-3;
         if most_nm > mit.torque_range_nm {
             let what = format!("up to {most_nm} Nm, but torque_range_nm is {}", mit.torque_range_nm);
-            log.error(problem(&format!("robot.drives, {}", drive.name()), what));
+            log.error(problem(&format!("robot.drives.{name}.max_torque_permille"), what));
         }
     }
 }
 
 fn modes(robot: &Robot, log: &Log) {
-    for (drive, config) in Drive::ALL.iter().zip(&robot.drives) {
+    for ((drive, name), config) in Drive::ALL.iter().zip(DRIVE_KEYS).zip(&robot.drives) {
         let needed = if *drive == Drive::Hip { DriveMode::CyclicTorque } else { DriveMode::CyclicPosition };
         if config.mode != needed {
             let what = "the hip follows torque, toes follow position".to_owned();
-            log.error(problem(&format!("robot.drives, {}", drive.name()), what));
+            log.error(problem(&format!("robot.drives.{name}.mode"), what));
         }
     }
 }
@@ -252,10 +254,10 @@ fn backends(robot: &Robot, log: &Log) {
     match (&robot.buses[0].backend, &robot.buses[1].backend) {
         (BusBackend::Mock, BusBackend::SocketCan(_)) | (BusBackend::SocketCan(_), BusBackend::Mock) => {
             let what = "one bus is simulated and the other is real".to_owned();
-            log.error(problem("robot.bus0, robot.bus1", what));
+            log.error(problem("robot.bus0.backend, robot.bus1.backend", what));
         }
         (BusBackend::SocketCan(a), BusBackend::SocketCan(b)) if a == b => {
-            log.error(problem("robot.bus0, robot.bus1", format!("both are interface {a}")));
+            log.error(problem("robot.bus0.backend, robot.bus1.backend", format!("both are interface {a}")));
         }
         _ => {}
     }

@@ -29,6 +29,7 @@ mod simulation;
 
 use checked::Config;
 use fault::{Injection, Place};
+use problem::ACROSS_KEYS;
 use raw::{Node, Origin, Raw};
 use reader::Log;
 use rig_model::RigModel;
@@ -51,9 +52,12 @@ const SECTIONS: [(&str, &str, &str); 4] = [
     ("sim", "sim.toml", include_str!("../../config/sim.toml")),
 ];
 
+/// What errors call these files begins with this.
+const EMBEDDED_FILE: &str = "embedded ";
+
 /// These files as trees, parsed once: some read thousands of configurations.
 static EMBEDDED: LazyLock<Vec<Result<Node, Vec<Problem>>>> =
-    LazyLock::new(|| SECTIONS.map(|(_, file, text)| raw::parse(&format!("embedded {file}"), text)).into());
+    LazyLock::new(|| SECTIONS.map(|(_, file, text)| raw::parse(&format!("{EMBEDDED_FILE}{file}"), text)).into());
 
 /// A configuration after all checks, with what a recording needs to know of it.
 #[derive(Clone, Debug)]
@@ -76,13 +80,20 @@ impl Resolved {
     #[must_use]
     pub fn problem(&self, key: &str, what: String) -> Problem {
         let at = place_of(&self.typed, key);
-        let (file, line) = at.map_or(("configuration", 0), |at| (&at.file, at.line));
+        let (file, line) = at.map_or((ACROSS_KEYS, 0), |at| (&at.file, at.line));
         Problem { file: file.to_owned(), line, key: key.to_owned(), value: None, what }
     }
 }
 
 /// The sections as typed.
 type Sections = BTreeMap<&'static str, Node>;
+
+/// Where the first of some keys was typed that is not as in the program.
+fn typed_place(sections: &Sections, keys: &str) -> Option<Origin> {
+    let places: Vec<&Origin> = keys.split(", ").filter_map(|key| place_of(sections, key)).collect();
+    let typed = places.iter().find(|at| !at.file.starts_with(EMBEDDED_FILE));
+    typed.or(places.first()).map(|at| (*at).clone())
+}
 
 /// Where a key was typed, such as `robot.bus0.backend`; one that is not there: the innermost table around it.
 fn place_of<'a>(sections: &'a Sections, key: &str) -> Option<&'a Origin> {
@@ -282,6 +293,7 @@ impl Typed {
             }
             self.check_places(&config.simulation.faults, &log);
         }
+        log.locate(|keys| typed_place(&self.sections, keys));
         let (text, mut warnings) = log.finish()?;
         warnings.extend(notes);
         Ok(Resolved { config, hash: sha256(&text), text, warnings, sources, typed: Arc::new(self.sections) })
@@ -298,7 +310,7 @@ impl Typed {
                         Ok(node) => drop(self.sections.insert(section, node.clone())),
                         Err(problems) => self.problems.extend(problems.iter().cloned()),
                     }
-                    format!("embedded {file}")
+                    format!("{EMBEDDED_FILE}{file}")
                 }
             };
             sources.push((section, source));

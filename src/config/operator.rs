@@ -72,7 +72,7 @@ fn device(r: &Reader<'_>, path: &str) -> Operator {
     if key == zero_key {
         r.refuse("zero_key", "must be another key than the dead-man's");
     }
-    let axis = r.optional_integer("heartbeat_axis", 0, 0x3F);
+    let axis = r.optional_integer("heartbeat_axis", 0, 0x3F, "1");
     let within = r.optional_number("heartbeat_ms", range(20.0, 1000.0, "ms"));
     if axis.is_some() != within.is_some() {
         let key = if axis.is_some() { "heartbeat_axis" } else { "heartbeat_ms" };

@@ -3,6 +3,9 @@
 
 use std::fmt;
 
+/// File of a problem that lies between keys, until the place of one of them is known.
+pub(super) const ACROSS_KEYS: &str = "configuration";
+
 /// One thing that is wrong, or suspicious.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {

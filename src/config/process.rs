@@ -42,7 +42,7 @@ fn thread(r: &Reader<'_>) -> Thread {
     let stack_kib: usize = r.integer("stack_kib", 64, 65_536, "KiB");
     Thread {
         priority: r.integer("priority", 0, 98, "1"),
-        core: r.optional_integer("core", 0, 1023),
+        core: r.optional_integer("core", 0, 1023, "1"),
         stack_bytes: stack_kib * 1024,
     }
 }

@@ -5,7 +5,7 @@
 //! configuration depends on its meaning alone: comments, order and `30` against `30.0` do not change its hash.
 
 use super::checked::Parameter;
-use super::problem::{Errors, Problem};
+use super::problem::{ACROSS_KEYS, Errors, Problem};
 use super::raw::{Node, Origin, Raw};
 use crate::base::time::Span;
 use std::cell::{Cell, RefCell};
@@ -67,6 +67,17 @@ impl Log {
     fn canonical(&self, key: String, value: String) {
         if !self.muted.get() {
             self.canonical.borrow_mut().insert(key, value);
+        }
+    }
+
+    /// Gives every problem between keys, which knows no place, the place of one of its keys.
+    pub(super) fn locate(&self, place: impl Fn(&str) -> Option<Origin>) {
+        for problem in self.errors.borrow_mut().iter_mut().chain(self.warnings.borrow_mut().iter_mut()) {
+            if problem.file == ACROSS_KEYS
+                && let Some(Origin { file, line }) = place(&problem.key)
+            {
+                (problem.file, problem.line) = (file.to_string(), line);
+            }
         }
     }
 
@@ -203,8 +214,8 @@ impl Reader<'_> {
     }
 
     /// A whole number in a range, or nothing.
-    pub fn optional_integer<T: TryFrom<i64>>(&self, key: &'static str, min: i64, max: i64) -> Option<T> {
-        self.find(key).and_then(|node| self.checked_integer(key, node, (min, max), "1"))
+    pub fn optional_integer<T: TryFrom<i64>>(&self, key: &'static str, min: i64, max: i64, unit: &str) -> Option<T> {
+        self.find(key).and_then(|node| self.checked_integer(key, node, (min, max), unit))
     }
 
     /// `true` or `false`.
@@ -313,8 +324,13 @@ impl Reader<'_> {
 
     /// A table within.
     pub fn table<T>(&self, key: &'static str, f: impl FnOnce(&Reader<'_>) -> T) -> T {
+        self.table_or(key, "must be a table", f)
+    }
+
+    /// A table within; `what` is said of anything else.
+    fn table_or<T>(&self, key: &'static str, what: &str, f: impl FnOnce(&Reader<'_>) -> T) -> T {
         let empty = Node::empty(&self.node.at.file);
-        let node = self.get(key).filter(|node| self.is_table(key, node));
+        let node = self.get(key).filter(|node| self.is_table(key, node, what));
         // One error for the missing table is enough: read placeholders silently.
         let muted = self.log.muted.replace(node.is_none() || self.log.muted.get());
         let result = read(self.log, &self.path_of(key), node.unwrap_or(&empty), f);
@@ -325,13 +341,16 @@ impl Reader<'_> {
     /// A table within, or nothing.
     pub fn optional_table<T>(&self, key: &'static str, f: impl FnOnce(&Reader<'_>) -> T) -> Option<T> {
         let node = self.find(key)?;
-        self.is_table(key, node).then(|| read(self.log, &self.path_of(key), node, f))
+        self.is_table(key, node, "must be a table").then(|| read(self.log, &self.path_of(key), node, f))
     }
 
     /// `{ value, min, max, unit, source, free }`. `units` are the allowed units with the factor to the first of them.
     pub fn parameter(&self, key: &'static str, range: Range, units: &[(&'static str, f64)]) -> Parameter {
         let all = super::reader::range(f64::MIN, f64::MAX, "1");
-        self.table(key, |r| {
+        let number = self.path_of(&format!("{key}.value"));
+        let what =
+            format!("must be a table {{ value, min, max, unit, source, free }}; for the number alone set {number}");
+        self.table_or(key, &what, |r| {
             let unit = r.choice("unit", &units.iter().map(|u| (u.0, *u)).collect::<Vec<_>>(), ("", 1.0));
             let raw = Parameter {
                 value: r.number("value", Range { unit: unit.0, ..range }),
@@ -388,10 +407,10 @@ impl Reader<'_> {
         value
     }
 
-    fn is_table(&self, key: &str, node: &Node) -> bool {
+    fn is_table(&self, key: &str, node: &Node, what: &str) -> bool {
         let is = node.table().is_some();
         if !is {
-            self.wrong(key, node, "must be a table");
+            self.wrong(key, node, what);
         }
         is
     }

@@ -108,7 +108,7 @@ fn bus(r: &Reader<'_>) -> BusConfig {
     BusConfig {
         backend: BusBackend::parse(&r.text("backend"), |what| r.refuse("backend", what)),
         bitrate: r.integer("bitrate_bit_s", 10_000, 1_000_000, "bit/s"),
-        data_bitrate: r.optional_integer("data_bitrate_bit_s", 1_000_000, 8_000_000),
+        data_bitrate: r.optional_integer("data_bitrate_bit_s", 1_000_000, 8_000_000, "bit/s"),
         echo_timeout: r.span("echo_timeout_ms", 1.0, 1000.0),
     }
 }

@@ -184,7 +184,35 @@ fn four_toes_on_one_classic_bus_at_every_sync_do_not_fit() {
 
 #[test]
 fn two_drives_with_one_node_are_refused() {
-    assert!(errors(&["robot.drives.inner_toe_a.node=1"])[0].contains("both node 1 on bus 0"));
+    let told = &errors(&["robot.drives.inner_toe_a.node=1"])[0];
+    let keys = "--set: robot.drives.hip.node, robot.drives.inner_toe_a.node: ";
+    assert!(told.contains(keys) && told.contains("hip and inner_toe_a are both node 1 on bus 0"), "{told}");
+}
+
+#[test]
+fn what_is_wrong_between_keys_has_the_file_and_line_of_one_that_was_typed() {
+    let text = "[set]\nrobot.bus0.backend = \"socketcan:can0\"\nrobot.drives.outer_toe_a.mode = \"torque\"\n";
+    let told = file("my.toml", text).unwrap_err().to_string();
+    for (line, key) in [(2, "robot.bus0.backend, robot.bus1.backend"), (3, "robot.drives.outer_toe_a.mode")] {
+        assert!(told.contains(&format!("my.toml:{line}: {key}: ")), "{told}");
+    }
+    let resolved = file("my.toml", "[set]\nrobot.limits.operator_age_ms = 1000\n").unwrap();
+    assert!(resolved.warnings[0].to_string().contains("my.toml:2: robot.limits.operator_age_ms: "));
+    let embedded = &errors(&["rt.period_us=1000000", "rt.input_deadline_us=600"])[0];
+    assert!(embedded.starts_with("--set: "), "{embedded}");
+}
+
+#[test]
+fn a_number_in_the_place_of_a_parameter_is_told_where_it_belongs() {
+    let told = &errors(&["robot.model.c1=0.12"])[0];
+    assert!(told.contains("robot.model.c1 = 0.12: must be a table { value, min"), "{told}");
+    assert!(told.contains("set robot.model.c1.value"), "{told}");
+}
+
+#[test]
+fn the_range_of_a_whole_number_that_may_be_left_out_has_its_unit() {
+    let told = &errors(&["robot.bus0.data_bitrate_bit_s=1"])[0];
+    assert!(told.contains("must be a whole number, 1000000 to 8000000 bit/s"), "{told}");
 }
 
 /// A model as a diagnosis writes it: c2, friction and a spring found; a lag of no use to the controller.

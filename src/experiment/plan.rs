@@ -130,7 +130,7 @@ impl Plan {
             }),
             seeds_at: r.optional_node("seeds").unwrap_or(file).at.clone(),
             stop: r.table("stop", |r| Stop {
-                steps: r.optional_integer("steps", 1, MOST_STEPS),
+                steps: r.optional_integer("steps", 1, MOST_STEPS, "1"),
                 time_s: r.number("time_s", TIME_S),
             }),
             set: set.chain(error).collect(),
