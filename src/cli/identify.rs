@@ -1,7 +1,8 @@
 //! `compass identify CASE`: parameters by simulation error, and which of them the data determines. RT: no.
 
 use super::output::{files_in, spare_case, spare_inputs};
-use super::{Outcome, Run, progress, warn};
+use super::{Outcome, Run, UsageError, progress, warn};
+use crate::diagnose::base_model::DiagnoseError;
 use crate::diagnose::identification::{Identification, identify_with, with_offsets};
 use crate::diagnose::supposed::Supposed;
 use crate::identify::experiment::Experiment;
@@ -50,12 +51,20 @@ impl Run for Args {
         }
         warn::of_input(&experiment.recordings)?;
         let spinner = progress::spinner("fitting");
-        let done = identify_with(&experiment, &self.add)?;
+        let done = identify_with(&experiment, &self.add).map_err(usage)?;
         spinner.finish_and_clear();
         self.write(&done)?;
         tell(&done)?;
         warn::further(&done.found.warnings, &experiment.recordings)?;
         Ok(Outcome::Fine)
+    }
+}
+
+/// An effect that cannot be added was asked for by the person.
+fn usage(error: DiagnoseError) -> anyhow::Error {
+    match error {
+        DiagnoseError::NoPlace { .. } | DiagnoseError::AlreadyThere(_) => UsageError(format!("--add {error}")).into(),
+        other => other.into(),
     }
 }
 

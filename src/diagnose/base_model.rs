@@ -31,9 +31,23 @@ pub enum DiagnoseError {
     /// The machine does not run.
     #[error(transparent)]
     Run(#[from] RolloutError),
-    /// A supposed effect has no place in this rig.
-    #[error("`{0}`: this rig has no place for it, it stands in rig.toml already, or every fit with it diverges")]
-    NoPlace(String),
+    /// A supposed effect has no such place in this rig.
+    #[error("`{effect}`: this rig has no such place; must be one of: {places}")]
+    NoPlace {
+        /// As typed.
+        effect: String,
+        /// Where it may stand.
+        places: String,
+    },
+    /// A supposed effect cannot be added.
+    #[error("`{0}`: stands in rig.toml already, and its free numbers are fitted")]
+    AlreadyThere(String),
+    /// There is no start for a supposed effect.
+    #[error("`{0}`: the recordings give no start for a fit with it")]
+    NoStart(String),
+    /// All fits with a supposed effect leave the finite numbers.
+    #[error("`{0}`: every fit with it diverges")]
+    AddedDiverges(String),
     /// The base model leaves the finite numbers from every start.
     #[error("the base model diverges on the fit recordings; shorten `window_s` or check units and signs in rig.toml")]
     Diverges,

@@ -28,6 +28,18 @@ pub struct Identification {
     pub model: Rig,
 }
 
+/// The likelier of two fits, or the one that there is.
+fn better(
+    a: Result<FittedModel, DiagnoseError>,
+    b: Result<FittedModel, DiagnoseError>,
+) -> Result<FittedModel, DiagnoseError> {
+    match (a, b) {
+        (Ok(a), Ok(b)) => Ok(if a.likelihood > b.likelihood { a } else { b }),
+        (Err(_), b) => b,
+        (a, Err(_)) => a,
+    }
+}
+
 /// Fits the uncertain numbers of a case to all its fit recordings at once.
 ///
 /// # Errors
@@ -41,17 +53,19 @@ pub fn identify(experiment: &Experiment) -> Result<Identification, DiagnoseError
 /// # Errors
 /// See [`DiagnoseError`].
 pub fn identify_with(experiment: &Experiment, supposed: &[Supposed]) -> Result<Identification, DiagnoseError> {
-    let (mut recordings, pooled, floors) = ready(experiment)?;
     let rig = &experiment.rig;
+    supposed.iter().try_for_each(|effect| effect.check(rig))?;
+    let (mut recordings, pooled, floors) = ready(experiment)?;
     let first = fitted(rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
     let dropped: usize = drop_spikes(&mut recordings, &first).iter().sum();
     let mut best = again(&first, &recordings, &floors).ok_or(DiagnoseError::Diverges)?;
     let given = if lands_elsewhere(&best, &floors) { as_given(rig, &recordings, &pooled, &floors) } else { None };
     for (i, effect) in supposed.iter().enumerate() {
-        let no_place = || DiagnoseError::NoPlace(effect.kind.id().to_owned());
-        let from = [Some(&best), given.as_ref().filter(|_| i == 0)].into_iter().flatten();
-        let fits = from.filter_map(|from| with_supposed(from, effect, &pooled, &floors));
-        best = fits.max_by(|a, b| a.likelihood.total_cmp(&b.likelihood)).ok_or_else(no_place)?;
+        let mut fit = with_supposed(&best, effect, &pooled, &floors);
+        if let Some(given) = given.as_ref().filter(|_| i == 0) {
+            fit = better(fit, with_supposed(given, effect, &pooled, &floors));
+        }
+        best = fit?;
     }
     let best = coloured(best, &floors).with_intervals();
     let (clean, left_out) = cleaned(experiment, &best.rig);
