@@ -1,7 +1,7 @@
 //! `compass diagnose CASE`: what physics is missing in a simulation. RT: no.
 
 use super::output::{files_in, is_same, spare_case, spare_inputs};
-use super::{Outcome, Run, UsageError, progress, warn};
+use super::{Outcome, Run, UsageError, progress, seed, warn};
 use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
 use crate::diagnose::pipeline::{Answer, Options, diagnose};
@@ -36,7 +36,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR", default_value = "diagnosis")]
     out: PathBuf,
     /// Seed of every random draw
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = seed)]
     seed: u64,
     /// Smallest part of the misfit that an effect removes when it matters, 0 to 1; what is smaller is listed as seen
     #[arg(long, value_name = "PART", default_value_t = LEAST_SHARE, value_parser = part)]

@@ -36,7 +36,7 @@ mod watch;
 mod zero;
 
 use clap::builder::RangedU64ValueParser;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::process::ExitCode;
 
 pub use outcome::{Outcome, UsageError};
@@ -129,18 +129,37 @@ trait Run {
 #[must_use]
 pub fn main() -> ExitCode {
     // clap prints help, version and usage errors itself and exits with 0 or 2.
-    let command = Cli::parse().command;
-    outcome::exit_code(|| command.run())
+    let cli = Cli::from_arg_matches(&command_line().get_matches()).unwrap_or_else(|error| error.exit());
+    outcome::exit_code(|| cli.command.run())
+}
+
+/// What may be typed.
+fn command_line() -> clap::Command {
+    with_negative_numbers(Cli::command())
+}
+
+/// Every option takes a negative number too, so that its own range is told and not that the argument is unexpected.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let options = command.mut_args(|arg| {
+        let is_option = arg.get_action().takes_values() && !arg.is_positional();
+        if is_option { arg.allow_negative_numbers(true) } else { arg }
+    });
+    options.mut_subcommands(with_negative_numbers)
+}
+
+/// Reads a seed.
+fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| format!("must be a whole number, 0 to {}", u64::MAX))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     /// What is said of a command line that must end with exit code 2.
     pub(super) fn usage_error(arguments: &[&str]) -> String {
-        let cli = match Cli::try_parse_from(["compass"].iter().chain(arguments)) {
+        let typed = command_line().try_get_matches_from(["compass"].iter().chain(arguments));
+        let cli = match typed.and_then(|matches| Cli::from_arg_matches(&matches)) {
             Ok(cli) => cli,
             // clap itself ends with 2.
             Err(error) => return error.to_string(),
@@ -152,7 +171,7 @@ mod tests {
 
     #[test]
     fn command_tree_is_consistent() {
-        Cli::command().debug_assert();
+        command_line().debug_assert();
     }
 
     #[test]
@@ -164,6 +183,29 @@ mod tests {
                 "no example in `{}`",
                 command.get_name()
             );
+        }
+    }
+
+    #[test]
+    fn a_negative_number_is_told_what_is_allowed() {
+        let seeds = "must be a whole number, 0 to 18446744073709551615";
+        for (line, told) in [
+            (&["sim", "--seed", "-1"][..], seeds),
+            (&["diagnose", "c", "--seed", "-1"], seeds),
+            (&["simulate", "r", "--input", "i", "--out", "o", "--seed", "-1"], seeds),
+            (&["trial", "--seed", "-1"], seeds),
+            (&["plan", "tree", "--out", "o", "--seed", "-1"], seeds),
+            (&["sim", "--for", "-5"], "'-5' for '--for <TIME>': must be 0 or more"),
+            (&["run", "--for", "-5"], "'-5' for '--for <TIME>': must be 0 or more"),
+            (&["plan", "gait", "--step", "-0.4", "--speed", "0.4", "--out", "o"], "--step -0.4: must be more than 0"),
+            (&["predict", "r", "--window-s", "-1"], "--window-s -1: must be above 0"),
+            (
+                &["plan", "rebalance", "--stance", "inner", "--from", "-0.1,0", "--out", "o"],
+                "--from: 4 numbers, here are 2",
+            ),
+        ] {
+            let error = usage_error(line);
+            assert!(error.contains(told), "{line:?}: {error}");
         }
     }
 

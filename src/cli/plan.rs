@@ -66,7 +66,13 @@ enum Task {
         #[arg(long, value_name = "M")]
         step: Option<f64>,
         /// Start state: stance angle, swing angle (rad), their rates (rad/s)
-        #[arg(long, value_name = "A,B,C,D", default_value = "0,0,0,0", value_delimiter = ',')]
+        #[arg(
+            long,
+            value_name = "A,B,C,D",
+            default_value = "0,0,0,0",
+            value_delimiter = ',',
+            allow_hyphen_values = true
+        )]
         from: Vec<f64>,
         #[command(flatten)]
         terms: TermArgs,
@@ -188,8 +194,8 @@ impl Run for Args {
                     }
                     None => STEPS_M,
                 };
+                let from = exactly("--from", &from)?;
                 let config = terms.load(&[])?;
-                let from = [from[0], from[1], from[2], from[3]];
                 terms.make("rebalance", &terms.terms(&config)?.rebalance(stance.into(), from, range), None)
             }
             Task::StepIn { gait, stance, steps, terms } => {

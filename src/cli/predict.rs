@@ -51,6 +51,9 @@ pub(crate) struct Args {
 
 impl Run for Args {
     fn run(self) -> anyhow::Result<Outcome> {
+        if let Some(window_s) = self.window_s.filter(|window_s| !(window_s.is_finite() && *window_s > 0.0)) {
+            return Err(UsageError(format!("--window-s {window_s}: must be above 0 s")).into());
+        }
         let mut rig = load_rig(&self.model)?;
         let targets = self.targets(&mut rig)?;
         self.spare_inputs(&rig, &targets)?;
@@ -92,9 +95,6 @@ impl Args {
     /// Index in the rig and path of what shall be run.
     fn targets(&self, rig: &mut Rig) -> anyhow::Result<Vec<(usize, PathBuf)>> {
         if let Some(window_s) = self.window_s {
-            if window_s <= 0.0 {
-                return Err(UsageError(format!("--window-s {window_s}: must be above 0")).into());
-            }
             rig.recordings.iter_mut().for_each(|r| r.window_s = Some(window_s));
         }
         let Some(path) = &self.recording else {

@@ -4,7 +4,7 @@ use super::config_args::ConfigArgs;
 use super::faults;
 use super::output::must_be_folder;
 use super::run::duration;
-use super::{Outcome, Run, from_one, progress, refused};
+use super::{Outcome, Run, from_one, progress, refused, seed};
 use crate::base::time::Span;
 use crate::config::Resolved;
 use crate::config::fault::Place;
@@ -51,7 +51,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME")]
     controller: Option<String>,
     /// Seed of all noise, instead of the configured one
-    #[arg(long)]
+    #[arg(long, value_parser = seed)]
     seed: Option<u64>,
     /// Injects a fault: `NAME@TIME[:ARGS]`, such as bus_off@3s:bus=1,for=200ms. May be given often. `list` prints them all
     #[arg(long = "fault", value_name = "FAULT")]

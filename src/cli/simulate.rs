@@ -2,7 +2,7 @@
 
 use super::output::{must_be_folder, spare_inputs};
 use super::predict::{csv, setup_of};
-use super::{Outcome, Run, UsageError};
+use super::{Outcome, Run, UsageError, seed};
 use crate::identify::experiment::{Recording, load_rig};
 use crate::identify::synthesis::{initial_numbers, record};
 use crate::identify::thesis::{self, Guess, TABLE_4_1};
@@ -47,7 +47,7 @@ pub(crate) struct Args {
     #[arg(long)]
     noise: bool,
     /// Seed of the noise
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = seed)]
     seed: u64,
     /// The identification experiments of thesis 4.2.3, with this guess in their rig file
     #[arg(long, value_name = "GUESS", value_parser = ["cad", "printed", "near", "true"], conflicts_with_all = ["rig", "input"])]

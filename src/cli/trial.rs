@@ -10,7 +10,7 @@ use anyhow::{Context, bail};
 use super::output::must_be_folder;
 use super::resplit::Plan;
 use super::score::{diagnose, find_cases, print, score};
-use super::{MOST_JOBS, Outcome, Run, UsageError, from_one, progress};
+use super::{MOST_JOBS, Outcome, Run, UsageError, from_one, progress, seed};
 use crate::trial::generator::Recipe;
 use crate::trial::score::Runner;
 use crate::trial::seal::{Key, TrialFolder, hex, key_of};
@@ -35,7 +35,7 @@ pub(crate) struct Args {
     #[arg(long, default_value_t = 30, value_parser = from_one::<usize>(MOST_CASES))]
     cases: usize,
     /// Seed of everything that is drawn.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = seed)]
     seed: u64,
     /// Where cases, answers and truth go.
     #[arg(long, default_value = "trial")]

@@ -2,7 +2,7 @@
 
 use super::super::config_args::ConfigArgs;
 use super::super::output::spare_inputs;
-use super::super::{Outcome, UsageError, progress};
+use super::super::{Outcome, UsageError, progress, seed};
 use crate::design::tree::coverage::{Coverage, check};
 use crate::design::tree::grow::Grower;
 use crate::design::tree::{Terms, journal};
@@ -25,7 +25,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "N", default_value_t = 20_000)]
     samples: u64,
     /// Seed of the samples; the same seed gives the same tree, on any number of cores
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = seed)]
     seed: u64,
     /// The tree is full with so many nodes: uncovered samples are counted, but not planned for
     #[arg(long, value_name = "N", default_value_t = 6000)]
