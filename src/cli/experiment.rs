@@ -98,6 +98,11 @@ impl Args {
 
     fn write(&self, campaign: &Campaign, ledger: &Ledger, text: &str) -> anyhow::Result<Outcome> {
         let records = campaign.records(ledger).map_err(usage)?;
+        if records.is_empty() && self.merge {
+            let text =
+                format!("--merge: {}: holds no record of this experiment's runs; run it first", self.out.display());
+            return Err(UsageError(text).into());
+        }
         let sha256: String = Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect();
         let results = Results::new(&campaign.plan().about, &sha256, campaign.len(), records);
         let name = self.file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
@@ -148,5 +153,16 @@ mod tests {
         for text in ["0/8", "9/8", "3", "3/0", "a/b"] {
             assert!(shard(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn nothing_to_merge_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, out) = (folder.path().join("e.toml"), folder.path().join("out"));
+        std::fs::write(&file, "about = \"a test\"\nseeds = \"1\"\n[stop]\ntime_s = 1.0\n").unwrap();
+        let line = ["experiment", file.to_str().unwrap(), "--out", out.to_str().unwrap(), "--merge"];
+        let error = crate::cli::tests::usage_error(&line);
+        assert!(error.contains("holds no record of this experiment's runs"), "{error}");
+        assert!(!out.join("results.json").exists());
     }
 }

@@ -1,6 +1,6 @@
 //! `--fault list`, `--fault table`: the catalogue of faults, and what the robot does about each. `--soak`. RT: no.
 
-use super::Outcome;
+use super::{Outcome, progress};
 use crate::base::time::Span;
 use crate::config::checked::Config;
 use crate::config::fault::CATALOGUE;
@@ -23,10 +23,16 @@ pub(super) fn is_listed(faults: &[String]) -> anyhow::Result<bool> {
 
 /// Runs so often with random faults, seeds from 1 on, and tells whether the invariants held.
 pub(super) fn soak(config: &Config, runs: u64, length: Span) -> anyhow::Result<Outcome> {
+    let bar = progress::bar(runs, "runs");
     let results: Vec<(u64, soak::Soaked)> = (1..=runs)
         .into_par_iter()
-        .map(|seed| Ok((seed, soak::run(config, seed, length)?)))
+        .map(|seed| {
+            let soaked = soak::run(config, seed, length)?;
+            bar.inc(1);
+            Ok((seed, soaked))
+        })
         .collect::<anyhow::Result<_>>()?;
+    bar.finish_and_clear();
     let mut out = io::stdout().lock();
     let sum = |of: fn(&soak::Soaked) -> u64| results.iter().map(|(_, run)| of(run)).sum::<u64>();
     writeln!(out, "runs       {runs} of {} s, {} ticks", length.as_s(), sum(|r| r.ticks))?;

@@ -5,7 +5,7 @@ use super::{Outcome, Run, UsageError, warn};
 use crate::identify::experiment::{ExperimentError, Recording, load_rig};
 use crate::identify::outliers::clean;
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
-use crate::model::rig::{MechanismKind, RecordingEntry, Rig, Setup, Use};
+use crate::model::rig::{MechanismKind, RecordingEntry, Rig, Sensor, Setup, Use};
 use crate::report::plot::comparison;
 use crate::report::table::{Align, Table};
 use anyhow::Context;
@@ -62,6 +62,7 @@ impl Run for Args {
             ("use", Align::Left),
             ("channel", Align::Left),
             ("RMSE", Align::Right),
+            ("unit", Align::Left),
             ("NRMSE", Align::Right),
         ]);
         for (index, path) in targets {
@@ -81,6 +82,7 @@ impl Run for Args {
                     usage.to_owned(),
                     sensor.column.clone(),
                     text(error.map(|e| e * std)),
+                    unit(&rig, sensor),
                     text(*error),
                 ]);
             }
@@ -216,6 +218,12 @@ pub(super) fn setup_of(id: Option<&str>, mechanism: MechanismKind) -> Result<Opt
     setup.map(Some).ok_or_else(|| UsageError(format!("--setup {id}: must be one of {}", known.join(", "))))
 }
 
+/// In what a sensor reads.
+fn unit(rig: &Rig, sensor: &Sensor) -> String {
+    let per = if sensor.is_rate { "/s" } else { "" };
+    format!("{}{per}", rig.mechanism.coordinate_unit())
+}
+
 /// Says how many samples the comparison leaves out.
 fn left_out(recording: &Recording, compared: &Recording) -> io::Result<()> {
     let samples = |r: &Recording| r.measured.iter().flatten().filter(|y| y.is_finite()).count();
@@ -276,5 +284,18 @@ mod tests {
         );
         assert!(error.contains("run_a.csv: is not there"), "{error}");
         assert_eq!(run(&[model, "--case", case.to_str().unwrap()]).unwrap(), Outcome::Fine);
+    }
+
+    #[test]
+    fn an_error_has_the_unit_of_its_sensor() {
+        let rig = |mechanism: &str, parameters: &str| {
+            let head = format!("schema = 1\nmechanism = \"{mechanism}\"\n[parameters]\n{parameters}\n");
+            let sensors =
+                ["q1", "q1_rate"].map(|what| format!("[[sensor]]\nmeasures = \"{what}\"\ncolumn = \"{what}\"\n"));
+            Rig::parse(&(head + &sensors.concat()), "rig.toml").unwrap()
+        };
+        let units = |rig: &Rig| rig.sensors.iter().map(|sensor| unit(rig, sensor)).collect::<Vec<_>>();
+        assert_eq!(units(&rig("pendulum", "inertia_kg_m2 = 0.01\ngravity_nm = 0.4")), ["rad", "rad/s"]);
+        assert_eq!(units(&rig("slider", "mass_kg = 1.0")), ["m", "m/s"]);
     }
 }

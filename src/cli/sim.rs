@@ -92,7 +92,7 @@ impl Run for Args {
         });
         let took = start.elapsed();
         bar.finish_and_clear();
-        print(&summary, self.length_s, took, lockstep.digest())?;
+        print(&mut io::stdout().lock(), &summary, self.length_s, took, lockstep.digest())?;
         if let Some(recorder) = recorder {
             let path = recorder.path();
             let status = recorder.finish();
@@ -120,8 +120,7 @@ fn push(recorder: &Recorder, record: &TickRecord) {
     recorder.push(record);
 }
 
-fn print(s: &Summary, length_s: f64, took: Duration, digest: u64) -> io::Result<()> {
-    let mut out = io::stdout().lock();
+fn print(out: &mut impl Write, s: &Summary, length_s: f64, took: Duration, digest: u64) -> io::Result<()> {
     let took_s = took.as_secs_f64();
     let verdict = if s.stands() { "stands" } else { "does not stand" };
     writeln!(out, "result     {verdict}, mode {}, first fault {}", s.mode.name(), s.first_fault)?;
@@ -139,7 +138,8 @@ fn print(s: &Summary, length_s: f64, took: Duration, digest: u64) -> io::Result<
     writeln!(out, "largest    stance {stance:.2} deg, swing {swing:.2} deg")?;
     let [stance, swing] = s.tail_angle_rad.map(|a| a.width().to_degrees());
     let torque = s.tail_torque_nm.width();
-    writeln!(out, "last 10 s  peak to peak: stance {stance:.3} deg, swing {swing:.2} deg, torque {torque:.1} Nm")?;
+    let tail = format!("last {} s", length_s.min(TAIL.as_s()));
+    writeln!(out, "{tail:<10} peak to peak: stance {stance:.3} deg, swing {swing:.2} deg, torque {torque:.1} Nm")?;
     let (bias, error) = (s.attitude_bias_rad.to_degrees(), s.tail_error_rad.size().to_degrees());
     writeln!(out, "attitude   bias learnt {bias:.3} deg, stance angle wrong by {error:.3} deg at most")?;
     writeln!(out, "digest     {digest:016x}")
@@ -162,6 +162,16 @@ mod tests {
         }
         for text in ["", "0", "-3", "soon", "inf"] {
             assert!(seconds(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn figures_of_the_end_say_how_much_of_the_run_they_are() {
+        for (length_s, told) in [(5.0, "last 5 s   peak to peak"), (60.0, "last 10 s  peak to peak")] {
+            let mut out = Vec::new();
+            print(&mut out, &Summary::default(), length_s, Duration::from_secs(1), 0).unwrap();
+            let text = String::from_utf8(out).unwrap();
+            assert!(text.contains(told), "{text}");
         }
     }
 }

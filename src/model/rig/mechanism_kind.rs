@@ -102,6 +102,15 @@ impl MechanismKind {
         }
     }
 
+    /// Unit of its coordinates.
+    #[must_use]
+    pub const fn coordinate_unit(self) -> &'static str {
+        match self {
+            Self::Slider => "m",
+            Self::Pendulum | Self::DoublePendulum | Self::CompassGait => "rad",
+        }
+    }
+
     /// Which parameter is the inertia of link and rotor together, of one that has no other inertia.
     #[must_use]
     pub const fn whole_inertia(self) -> Option<usize> {
