@@ -263,12 +263,12 @@ fn backends(robot: &Robot, log: &Log) {
     }
 }
 
-/// A hand behind a network: how soon a dead link is noticed, and who can reach the port.
+/// An operator behind a network: how soon a dead link is noticed, and who can reach the port.
 fn remote_hand(robot: &Robot, log: &Log) {
     let Operator::Remote(remote) = &robot.operator else { return };
     // 20 ms are for the period of the states and for our own.
     if robot.limits.operator_age > Span::from_ms(110) {
-        let what = "must be at most 110 ms with a hand behind a network: a dead link shall be safe within 130 ms";
+        let what = "must be at most 110 ms with an operator behind a network: a dead link shall be safe within 130 ms";
         log.error(problem("robot.limits.operator_age_ms", what.to_owned()));
     }
     // Twenty datagrams, of which one must come.
@@ -290,7 +290,7 @@ pub(super) fn made_up_senses(robot: &Robot, log: &Log) {
         return;
     }
     if robot.operator == Operator::Simulated {
-        let what = "the buses are real and the hand on the dead-man switch is simulated: motors would run with nobody \
+        let what = "the buses are real and the operator on the dead-man switch is simulated: motors would run with nobody \
                     there. Must be \"socket:/PATH\", \"device:/PATH\" or \"udp:ADDRESS:PORT\"";
         log.error(problem("robot.operator.source", what.to_owned()));
     }
