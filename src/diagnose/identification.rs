@@ -126,7 +126,7 @@ fn line(entry: &Entry, given: f64, fitted: Estimate) -> Line {
         (true, true) => DecidedBy::Bound,
         (true, false) => DecidedBy::Data,
     };
-    Line { name: entry.name.clone(), given, fitted, interval: [fitted.low, fitted.high], decided_by }
+    Line { name: entry.name.clone(), given, fitted, decided_by }
 }
 
 fn headline(lines: &[Line], recordings: usize) -> String {

@@ -2,39 +2,49 @@
 //!
 //! RT: no.
 
-use crate::model::effect::EffectKind;
+use crate::model::effect::{EffectKind, Key, Role};
 use crate::report::findings::{Estimate, Member, Missing};
+use crate::report::interval::{say_once, with_interval};
+use crate::report::table::number;
 use std::collections::BTreeMap;
 
-/// A number with three significant digits.
-#[must_use]
-pub fn three(x: f64) -> String {
-    if x == 0.0 || !x.is_finite() {
-        return format!("{x}");
-    }
-    let digits = libm::floor(libm::log10(x.abs())) as i32;
-    if (-3..6).contains(&digits) {
-        format!("{x:.*}", usize::try_from((2 - digits).max(0)).unwrap_or(0))
-    } else {
-        format!("{x:.2e}")
-    }
+/// Ratio of the ends of an interval from which its number is known by its order alone.
+const DECADE: f64 = 10.0;
+
+fn quantity(parameters: &BTreeMap<String, Estimate>, key: &str) -> String {
+    parameters.get(key).map_or_else(|| "?".to_owned(), with_interval)
 }
 
-fn number(parameters: &BTreeMap<String, Estimate>, key: &str) -> String {
-    parameters.get(key).map_or_else(
-        || "?".to_owned(),
-        |e| {
-            if e.std.is_finite() && e.std > 0.0 && e.std < 3.0 * e.value.abs() {
-                format!("{} ± {}", three(e.value), three(e.std))
-            } else {
-                three(e.value)
-            }
-        },
-    )
-}
-
+/// A time in ms.
 fn milli(parameters: &BTreeMap<String, Estimate>, key: &str) -> String {
-    parameters.get(key).map_or_else(|| "?".to_owned(), |e| format!("{} ms", three(1e3 * e.value)))
+    let in_ms = |e: &Estimate| e.times(1e3).in_unit("ms");
+    parameters.get(key).map_or_else(|| "?".to_owned(), |e| with_interval(&in_ms(e)))
+}
+
+/// What the intervals of a member leave open, as sentences: a strength that may be nothing, a number that is known by its order alone.
+fn left_open(member: &Member) -> String {
+    let Some(kind) = EffectKind::from_id(&member.effect) else { return String::new() };
+    let one = |key: &Key| {
+        let (estimate, name) = (member.parameters.get(key.name)?, words(key.name));
+        let factor = estimate.high / estimate.low;
+        match key.role {
+            Role::Strength(nothing) if estimate.reaches(nothing) => {
+                Some(format!(" The interval of its {name} reaches {nothing}: it is not told from nothing."))
+            }
+            _ if key.min == 0.0 && estimate.reaches(0.0) => Some(format!(" The interval of its {name} reaches 0.")),
+            _ if estimate.low > 0.0 && factor >= DECADE => {
+                Some(format!(" Its {name} is known only to a factor of {}.", number(factor)))
+            }
+            _ => None,
+        }
+    };
+    kind.keys().iter().filter_map(one).collect()
+}
+
+/// Id or key as words.
+#[must_use]
+pub fn words(id: &str) -> String {
+    id.replace('_', " ")
 }
 
 /// The effect in words, with its numbers.
@@ -42,7 +52,7 @@ fn milli(parameters: &BTreeMap<String, Estimate>, key: &str) -> String {
 pub fn describe(member: &Member) -> String {
     use EffectKind as E;
     let (at, p) = (member.at.as_str(), &member.parameters);
-    let n = |key: &str| number(p, key);
+    let n = |key: &str| quantity(p, key);
     let Some(kind) = EffectKind::from_id(&member.effect) else {
         return format!("physics at {at} that no effect of the library explains");
     };
@@ -60,7 +70,7 @@ pub fn describe(member: &Member) -> String {
         E::TorqueRipple => {
             format!("a torque at {at} that repeats with the angle ({}, order {})", n("amplitude"), n("order"))
         }
-        E::ExternalPush => format!("a single push at {at} of {} at t = {} s", n("impulse"), n("time")),
+        E::ExternalPush => format!("a single push at {at} of {} at t = {}", n("impulse"), n("time")),
         E::JointElasticity | E::Backlash | E::LinkFlexibility => structure(kind, at, n),
         E::TorqueLimit => format!("a drive of {at} that saturates at {}", n("limit")),
         E::ActuatorLag => format!("a lag of the drive of {at} of {}", milli(p, "time_constant")),
@@ -68,19 +78,19 @@ pub fn describe(member: &Member) -> String {
         E::SensorLag => format!("a low-pass filter of {at} ({})", milli(p, "time_constant")),
         E::SensorDelay => format!("a sensor {at} that reads {} late", milli(p, "delay")),
         E::SensorBias => format!("a constant offset of {at} of {}", n("bias")),
-        E::SensorDrift => format!("an offset of {at} that grows by {} per second", n("rate")),
+        E::SensorDrift => format!("an offset of {at} that grows by {}", n("rate")),
         E::SensorScale => format!("a sensor {at} that reads {} times the truth", n("scale")),
         E::EncoderEccentricity => format!("a once-per-turn error of {at} of {}", n("amplitude")),
-        E::LostCounts => format!("a jump of {at} by {} at t = {} s that stays", n("step"), n("time")),
+        E::LostCounts => format!("a jump of {at} by {} at t = {} that stays", n("step"), n("time")),
         E::ClockSkew => format!("a clock of {at} that runs fast by {}", n("skew")),
         E::FootSlip => format!("a stance toe that slides beyond a friction of {}", n("friction")),
         E::ElasticImpact => format!("a foot that rebounds at touchdown (restitution {})", n("restitution")),
-        E::ToeCompliance => format!("a spring along the leg at the toe ({} N/m)", n("stiffness")),
-        E::GroundSlope => format!("a tilt of the ground by {} rad", n("slope")),
+        E::ToeCompliance => format!("a spring along the leg at the toe ({})", n("stiffness")),
+        E::GroundSlope => format!("a tilt of the ground by {}", n("slope")),
         E::Counterweight => {
-            format!("an upward force at the hip of {} N: what falls weighs less than what swings", n("force"))
+            format!("an upward force at the hip of {}: what falls weighs less than what swings", n("force"))
         }
-        E::RoundFoot => format!("a toe that rolls as an arc of radius {} m", n("radius")),
+        E::RoundFoot => format!("a toe that rolls as an arc of radius {}", n("radius")),
     }
 }
 
@@ -88,7 +98,7 @@ pub fn describe(member: &Member) -> String {
 fn friction(kind: EffectKind, at: &str, n: impl Fn(&str) -> String) -> String {
     use EffectKind as E;
     let what = match kind {
-        E::ViscousFriction => return format!("viscous friction at {at} ({} per unit of rate)", n("viscous")),
+        E::ViscousFriction => return format!("viscous friction at {at} ({})", n("viscous")),
         E::CoulombFriction => {
             return format!("Coulomb friction at {at} that holds and brakes with {}", n("coulomb"));
         }
@@ -100,7 +110,7 @@ fn friction(kind: EffectKind, at: &str, n: impl Fn(&str) -> String) -> String {
             format!("falls with speed: {} more at rest, gone above a rate of {}", n("extra"), n("velocity"))
         }
         E::LoadFriction => format!("grows with the transmitted load ({} of it)", n("coefficient")),
-        E::FrictionDrift => format!("changes with time ({} of its level per second)", n("rate")),
+        E::FrictionDrift => format!("changes with time ({} of its level)", n("rate")),
         _ => format!("gives elastically before it slips (stiffness {})", n("stiffness")),
     };
     format!("friction at {at} that {what}")
@@ -114,7 +124,7 @@ fn structure(kind: EffectKind, at: &str, n: impl Fn(&str) -> String) -> String {
         }
         EffectKind::LinkFlexibility => {
             let (hz, share) = (n("frequency"), n("participation"));
-            format!("a structural mode of the link at {at} ({hz} Hz, {share} of its inertia)")
+            format!("a structural mode of the link at {at} ({hz}, {share} of its inertia)")
         }
         _ => {
             let (stiffness, rotor) = (n("stiffness"), n("rotor_inertia"));
@@ -135,12 +145,12 @@ pub fn entry(members: &[Member], removed: f64) -> String {
     let Some(best) = members.first() else { return String::new() };
     let share =
         if removed > 0.0 { format!(" It accounts for {:.0} % of the misfit.", 100.0 * removed) } else { String::new() };
-    let head = format!("The simulation lacks {}.{share}", describe(best));
+    let head = format!("The simulation lacks {}.{share}{}", describe(best), left_open(best));
     if members.len() == 1 {
-        return head;
+        return say_once(&head);
     }
     let others: Vec<String> = members[1..].iter().map(describe).collect();
-    format!("{head} This data cannot tell it from {}.", others.join(", nor from "))
+    say_once(&format!("{head} This data cannot tell it from {}.", others.join(", nor from ")))
 }
 
 /// What was seen and is not named: the effect in words, the part of the misfit that it removes, and why it is no answer.
@@ -240,16 +250,27 @@ mod tests {
     fn a_pair_is_said_as_a_pair_and_asks_for_the_deciding_experiment() {
         let pair = vec![member("transport_delay", "delay", 0.0038), member("actuator_lag", "time_constant", 0.0041)];
         let said = entry(&pair, 0.9);
-        assert!(said.contains("acts 3.80 ms late") && said.contains("cannot tell it from a lag"), "{said}");
+        assert!(
+            said.contains("acts 3.800 [95 % interval 3.726 to 3.874] ms late")
+                && said.contains("cannot tell it from a lag"),
+            "{said}"
+        );
         let missing = [Missing { one_of: pair, sentence: said }];
         assert!(next_experiment(&missing).is_some_and(|e| e.contains("chirp")));
     }
 
     #[test]
-    fn numbers_carry_three_digits() {
-        assert_eq!(three(377.04), "377");
-        assert_eq!(three(-0.012_345), "-0.0123");
-        assert_eq!(three(1.0e-5), "1.00e-5");
+    fn a_number_stands_with_its_interval_and_unit_and_an_open_one_is_said_to_be_open() {
+        let of = |low: f64, high: f64| {
+            let gap = Estimate { value: 1e-3, std: 1e-5, low, high, unit: "rad" };
+            let parameters = BTreeMap::from([("gap".to_owned(), gap)]);
+            entry(&[Member { effect: "backlash".into(), at: "q1".into(), weight: 1.0, parameters }], 1.0)
+        };
+        let sharp = of(0.9e-3, 1.1e-3);
+        assert!(sharp.contains("play of 0.00100 [95 % interval 0.00090 to 0.00110] rad"), "{sharp}");
+        assert!(!sharp.contains("known") && !sharp.contains("reaches"), "{sharp}");
+        assert!(of(1e-4, 1e-2).contains("Its gap is known only to a factor of 100."));
+        assert!(of(0.0, 2e-3).contains("The interval of its gap reaches 0: it is not told from nothing."));
     }
 
     #[test]

@@ -101,7 +101,10 @@ fn known(direction: &[f64], parameters: &[Scaled], deviation: impl Fn(&[f64]) ->
     }
     let sign = if factor < 0.0 { '-' } else { '+' };
     let (a, b) = (&parameters[a].name, &parameters[b].name);
-    format!("what is determined is {a} {sign} {:.3} {b} = {sum:.4e} ± {std:.1e}", factor.abs())
+    format!(
+        "what is determined is {a} {sign} {:.3} {b} = {sum:.4e}, with a standard deviation of {std:.1e}",
+        factor.abs()
+    )
 }
 
 /// Growths that differ by less than this factor are one common scale.
@@ -203,7 +206,7 @@ mod tests {
         let j = DMatrix::from_row_slice(1, 2, &[1e4, 2e4]);
         let found = undetermined(&(j.transpose() * j), &pair);
         let said = found[0].sentence();
-        assert!(said.contains("c3 + 2.000 c6 = 5.8000e-3 ± 1.0e-4"), "{said}");
+        assert!(said.contains("c3 + 2.000 c6 = 5.8000e-3, with a standard deviation of 1.0e-4"), "{said}");
         assert!(said.contains("both stances"), "{said}");
     }
 

@@ -9,6 +9,7 @@ mod parse;
 mod slot;
 #[cfg(test)]
 mod tests;
+mod unit;
 mod write;
 
 use super::effect::{EffectKind, SiteKind};

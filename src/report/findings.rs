@@ -41,6 +41,9 @@ pub struct Estimate {
     pub low: f64,
     /// Upper end.
     pub high: f64,
+    /// For people; the names in files tell it to programs. Empty for a pure number.
+    #[serde(skip)]
+    pub unit: &'static str,
 }
 
 /// Half the width of a 95 % interval in standard deviations, of a normal density.
@@ -50,14 +53,33 @@ impl Estimate {
     /// With the interval of a normal density.
     #[must_use]
     pub fn normal(value: f64, std: f64) -> Self {
-        Self { value, std, low: value - HALF_95 * std, high: value + HALF_95 * std }
+        Self { value, std, low: value - HALF_95 * std, high: value + HALF_95 * std, unit: "" }
+    }
+
+    /// The same with its unit.
+    #[must_use]
+    pub fn in_unit(self, unit: &'static str) -> Self {
+        Self { unit, ..self }
+    }
+
+    /// `factor` times the number, above zero: in another unit.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
+        let Self { value, std, low, high, unit } = self;
+        Self { value: factor * value, std: factor * std, low: factor * low, high: factor * high, unit }
+    }
+
+    /// True if its interval holds `value`.
+    #[must_use]
+    pub fn reaches(&self, value: f64) -> bool {
+        (self.low..=self.high).contains(&value)
     }
 
     /// With the interval of a density that is normal in the logarithm: of a positive number that is known by its order.
     #[must_use]
     pub fn log_normal(value: f64, relative_std: f64) -> Self {
         let factor = libm::exp(HALF_95 * relative_std);
-        Self { value, std: relative_std * value, low: value / factor, high: value * factor }
+        Self { value, std: relative_std * value, low: value / factor, high: value * factor, unit: "" }
     }
 
     /// The same, its interval ended at bounds.
@@ -69,7 +91,7 @@ impl Estimate {
     /// The number of opposite sign.
     #[must_use]
     pub fn negated(self) -> Self {
-        Self { value: -self.value, std: self.std, low: -self.high, high: -self.low }
+        Self { value: -self.value, low: -self.high, high: -self.low, ..self }
     }
 }
 

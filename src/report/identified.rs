@@ -1,7 +1,8 @@
 //! What an identification found, as plain data with its tables: for the terminal and for the page. RT: no.
 
 use super::findings::{Estimate, Figure, Trace};
-use super::table::{Align, Table, number, range, with_deviation};
+use super::interval::{interval, value};
+use super::table::{Align, Table, number};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -25,8 +26,6 @@ pub struct Line {
     pub given: f64,
     /// As fitted.
     pub fitted: Estimate,
-    /// Its 95 % interval, within its bounds.
-    pub interval: [f64; 2],
     /// What decides it.
     pub decided_by: DecidedBy,
 }
@@ -76,13 +75,15 @@ impl Identified {
             ("given", right),
             ("fitted", right),
             ("95 % interval", right),
+            ("unit", Align::Left),
             ("", Align::Left),
         ]);
         for line in &self.lines {
             let [fitted, interval, note] = line.cells();
-            table.push([line.name.clone(), number(line.given), fitted, interval, note]);
+            let unit = line.fitted.unit.to_owned();
+            table.push([line.name.clone(), number(line.given), fitted, interval, unit, note]);
         }
-        table
+        table.without_empty_columns()
     }
 
     /// The errors of the free runs.
@@ -106,12 +107,13 @@ impl Identified {
 
 impl Line {
     fn cells(&self) -> [String; 3] {
-        let Estimate { value, std, .. } = self.fitted;
-        let [low, high] = self.interval;
+        let value = value(&self.fitted);
         match self.decided_by {
-            DecidedBy::Data => [with_deviation(value, std), range(low, high), String::new()],
-            DecidedBy::Bound => [number(value), range(low, high), "at its bound".to_owned()],
-            DecidedBy::Nothing => [number(value), String::new(), "not determined: its bounds decide".to_owned()],
+            DecidedBy::Data => [value, interval(&self.fitted), String::new()],
+            DecidedBy::Bound => [value, interval(&self.fitted), "at its bound".to_owned()],
+            DecidedBy::Nothing => {
+                [number(self.fitted.value), String::new(), "not determined: its bounds decide".to_owned()]
+            }
         }
     }
 }
@@ -122,14 +124,9 @@ mod tests {
 
     #[test]
     fn a_number_that_only_its_bounds_decide_shows_no_interval() {
-        let line = |decided_by| Line {
-            name: "gain@u".into(),
-            given: 1.0,
-            fitted: Estimate::normal(0.9, 0.02),
-            interval: [0.86, 0.94],
-            decided_by,
-        };
-        assert_eq!(line(DecidedBy::Data).cells(), ["0.900 ± 0.020", "0.860 … 0.940", ""].map(str::to_owned));
+        let line =
+            |decided_by| Line { name: "gain@u".into(), given: 1.0, fitted: Estimate::normal(0.9, 0.02), decided_by };
+        assert_eq!(line(DecidedBy::Data).cells(), ["0.900", "0.861 to 0.939", ""].map(str::to_owned));
         assert_eq!(line(DecidedBy::Nothing).cells()[1], "");
     }
 }

@@ -6,6 +6,7 @@ pub mod animation;
 pub mod experiment;
 pub mod findings;
 pub mod identified;
+pub mod interval;
 pub mod motion;
 pub mod page;
 pub mod plot;

@@ -120,27 +120,6 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// `value ± std`, both cut where the second digit of the deviation stands.
-pub fn with_deviation(value: f64, std: f64) -> String {
-    if !(value.is_finite() && std.is_finite() && (1e-6..1e5).contains(&std) && value.abs() < 1e5) {
-        return format!("{} ± {}", number(value), number(std));
-    }
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 7")]
-    let decimals = (1.0 - std.log10().floor()).max(0.0) as usize;
-    format!("{value:.decimals$} ± {std:.decimals$}")
-}
-
-/// `low … high`, cut where the second digit of a quarter of their distance stands.
-pub fn range(low: f64, high: f64) -> String {
-    let width = 0.25 * (high - low);
-    if !(width.is_finite() && (1e-6..1e5).contains(&width) && low.abs().max(high.abs()) < 1e5) {
-        return format!("{} … {}", number(low), number(high));
-    }
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 7")]
-    let decimals = (1.0 - width.log10().floor()).max(0.0) as usize;
-    format!("{low:.decimals$} … {high:.decimals$}")
-}
-
 fn trimmed(text: &str) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text.to_owned() }
 }
@@ -162,13 +141,6 @@ mod tests {
         let mut table = Table::new(&[("x", Align::Left)]);
         table.push(["<b>&".to_owned()]);
         assert!(table.to_html().contains("<td>&lt;b&gt;&amp;</td>"));
-    }
-
-    #[test]
-    fn deviation_decides_the_digits() {
-        assert_eq!(with_deviation(0.0061597, 0.000041), "0.006160 ± 0.000041");
-        assert_eq!(with_deviation(377.04, 12.3), "377 ± 12");
-        assert_eq!(with_deviation(3.0, f64::NAN), "3 ± –");
     }
 
     #[test]

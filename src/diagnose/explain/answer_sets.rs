@@ -58,7 +58,8 @@ pub(in crate::diagnose) fn member(of: &FittedModel, e: usize) -> Member {
         let value = effect.values[k].value;
         // What was not fitted was found between two rows.
         let between = if key.unit == "s" { 0.5 * step_s(of) } else { 0.0 };
-        let found = Estimate { value, std: between / libm::sqrt(3.0), low: value - between, high: value + between };
+        let (low, high, unit) = (value - between, value + between, of.rig.effect_unit(effect.kind, &effect.at, k));
+        let found = Estimate { value, std: between / libm::sqrt(3.0), low, high, unit };
         let mut estimate = fitted.unwrap_or(found);
         if key.name == "phase" {
             let turned = wrapped(estimate.value) - estimate.value;

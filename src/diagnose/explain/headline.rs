@@ -5,9 +5,10 @@
 //! RT: no.
 
 use crate::diagnose::judge::verdict::{Diagnosis, Estimate, Member, Missing, ParameterLine, Trace, Verdict};
+use crate::diagnose::sentence::words;
 use crate::model::effect::{EffectKind, Role};
 use crate::model::rig::{MechanismKind, Rig, Sensor};
-use crate::report::findings::HALF_95;
+use crate::report::interval::{beside, say_once, value, with_interval, with_unit};
 use crate::report::table::number;
 
 /// Numbers that a headline tells; the page has all.
@@ -77,18 +78,20 @@ pub fn headline(diagnosis: &Diagnosis, lines: &[ParameterLine], costs: &[Cost], 
     };
     let other = if diagnosis.verdict == Verdict::Consistent { None } else { other_numbers(lines) };
     let seen = diagnosis.seen.iter().map(|s| s.sentence.clone());
-    said.into_iter().chain(other).chain(seen).collect::<Vec<_>>().join(" ")
+    say_once(&said.into_iter().chain(other).chain(seen).collect::<Vec<_>>().join(" "))
 }
 
-/// The given numbers that are others by more than their 95 % interval, the surest first.
+/// The given numbers that their 95 % interval does not reach, and that are written otherwise; the surest first.
 fn other_numbers(lines: &[ParameterLine]) -> Option<String> {
-    let deviations = |l: &ParameterLine| (l.explained.value - l.given).abs() / l.explained.std;
-    let is_other = |l: &&ParameterLine| !l.at_bound && deviations(l).is_finite() && deviations(l) > HALF_95;
+    let distance = |l: &ParameterLine| (l.explained.value - l.given).abs() / (l.explained.high - l.explained.low);
+    let is_other = |l: &&ParameterLine| {
+        let is_written_alike = beside(&l.explained, l.given) == value(&l.explained);
+        !l.at_bound && distance(l).is_finite() && !l.explained.reaches(l.given) && !is_written_alike
+    };
     let mut others: Vec<&ParameterLine> = lines.iter().filter(is_other).collect();
-    others.sort_by(|a, b| deviations(b).total_cmp(&deviations(a)));
+    others.sort_by(|a, b| distance(b).total_cmp(&distance(a)));
     let one = |l: &&ParameterLine| {
-        let half = HALF_95 * l.explained.std;
-        format!("{} {} ± {} (given {})", l.name, number(l.explained.value), number(half), number(l.given))
+        format!("{} {} (given {})", l.name, with_interval(&l.explained), beside(&l.explained, l.given))
     };
     let told: Vec<String> = others.iter().take(TOLD).map(one).collect();
     (!told.is_empty()).then(|| format!("Numbers that are not as given: {}.", told.join(", ")))
@@ -120,7 +123,10 @@ fn said_of(entry: &Missing, lines: &[ParameterLine]) -> String {
     let Some(best) = best else { return entry.sentence.clone() };
     match doubt(best, lines) {
         None => entry.sentence.clone() + &further(best, lines),
-        Some(why) => format!("Perhaps {} at {} is missing: {why}.", words(&best.effect), best.at),
+        Some(why) => {
+            let named: Vec<String> = entry.one_of.iter().map(|m| format!("{} at {}", words(&m.effect), m.at)).collect();
+            format!("Perhaps {} is missing: {why}.", named.join(" or "))
+        }
     }
 }
 
@@ -128,8 +134,7 @@ fn said_of(entry: &Missing, lines: &[ParameterLine]) -> String {
 fn doubt(member: &Member, lines: &[ParameterLine]) -> Option<String> {
     let key = EffectKind::from_id(&member.effect)?.keys().first()?;
     let estimate = member.parameters.get(key.name)?;
-    let reaches = |nothing: f64| (estimate.value - nothing).abs() <= HALF_95 * estimate.std;
-    if matches!(key.role, Role::Strength(nothing) if reaches(nothing)) {
+    if matches!(key.role, Role::Strength(nothing) if estimate.reaches(nothing)) {
         return Some(interval_in_words(key.name, estimate));
     }
     at_bound(member, key.name, lines)
@@ -139,7 +144,8 @@ fn doubt(member: &Member, lines: &[ParameterLine]) -> Option<String> {
 fn at_bound(member: &Member, key: &str, lines: &[ParameterLine]) -> Option<String> {
     let name = format!("{}@{}.{key}", member.effect, member.at);
     let line = lines.iter().find(|l| l.name == name && l.at_bound && l.explained.value != 0.0)?;
-    Some(format!("its {} ran to {}, the bound of the search", words(key), number(line.explained.value)))
+    let bound = with_unit(&number(line.explained.value), line.explained.unit);
+    Some(format!("its {} ran to {bound}, the bound of the search", words(key)))
 }
 
 /// The same of its further numbers, as a sentence.
@@ -149,12 +155,7 @@ fn further(member: &Member, lines: &[ParameterLine]) -> String {
 }
 
 fn interval_in_words(key: &str, estimate: &Estimate) -> String {
-    let (value, half) = (number(estimate.value), number(HALF_95 * estimate.std));
-    format!("its {} of {value} ± {half} is not told from nothing", words(key))
-}
-
-fn words(key: &str) -> String {
-    key.replace('_', " ")
+    format!("its {} of {} is not told from nothing", words(key), with_interval(estimate))
 }
 
 #[cfg(test)]
@@ -221,11 +222,26 @@ mod tests {
         ];
         let told = other_numbers(&lines).unwrap();
         assert!(
-            told.starts_with("Numbers that are not as given: length 1.5") && told.contains("(given 1), mass"),
+            told.starts_with("Numbers that are not as given: length 1.500 [") && told.contains("(given 1.000), mass"),
             "{told}"
         );
         assert!(!told.contains("as_given ") && !told.contains("added"), "{told}");
         assert_eq!(other_numbers(&lines[2..]), None);
+    }
+
+    #[test]
+    fn a_number_is_as_given_where_its_interval_reaches_that_or_both_are_written_alike() {
+        let line = |given: f64, low: f64, high: f64| ParameterLine {
+            name: "c2".into(),
+            given,
+            refitted: 0.143_4,
+            explained: Estimate { value: 0.143_4, std: 1e-4, low, high, unit: "" },
+            at_bound: false,
+        };
+        let told = |given: f64, low: f64, high: f64| other_numbers(&[line(given, low, high)]);
+        assert_eq!(told(0.143, 0.1425, 0.1443), None, "more than 1.96 std away, within the interval");
+        assert_eq!(told(0.143_38, 0.143_39, 0.152), None, "written alike");
+        assert!(told(0.143, 0.1432, 0.1436).is_some_and(|t| t.contains("0.14340 [") && t.contains("(given 0.14300)")));
     }
 
     #[test]

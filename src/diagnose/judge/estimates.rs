@@ -55,7 +55,7 @@ pub fn estimates(of: &FittedModel) -> Vec<(String, Estimate)> {
         let entry = &of.problem.theta.entries[i];
         let told = estimate(of, i, *value, *std);
         let told = if is_instant(of, i) { told } else { told.within(entry.bounds.min, entry.bounds.max) };
-        (entry.name.clone(), told)
+        (entry.name.clone(), told.in_unit(of.problem.rig.unit(entry.slot)))
     };
     values.iter().zip(&spread).enumerate().map(one).collect()
 }

@@ -69,8 +69,8 @@ fn warnings(found: &Identified) -> String {
 
 fn foot() -> String {
     format!(
-        "<footer>compass {} · ±: one standard deviation, from the curvature of the fit, the colour of the residual that it \
-         leaves and how much its blocks scatter. The intervals hold if no physics is missing: <code>compass diagnose</code> tells.</footer>",
+        "<footer>compass {} · 95 % intervals: from the curvature of the fit, the colour of the residual that it leaves and how \
+         much its blocks scatter, and what no residual shows, the instant to a row and the form of the laws. They hold if no physics is missing: <code>compass diagnose</code> tells.</footer>",
         env!("CARGO_PKG_VERSION")
     )
 }

@@ -16,6 +16,7 @@ mod numbers;
 mod signals;
 
 use super::findings::{Findings, Verdict};
+use super::interval::said_before;
 use super::plot::STYLE;
 use super::table::escape;
 
@@ -67,11 +68,12 @@ fn head(findings: &Findings) -> String {
     let verdict = findings.diagnosis.verdict;
     let (class, meaning) = verdict_words(verdict);
     let (first, rest) = first_sentence(&findings.headline);
+    let headline = said_before(&findings.headline);
     let sentences: String = findings
         .diagnosis
         .missing
         .iter()
-        .filter(|entry| !entry.sentence.is_empty() && !findings.headline.contains(&entry.sentence))
+        .filter(|entry| !entry.sentence.is_empty() && !headline.contains(&said_before(&entry.sentence)))
         .map(|entry| format!("<li>{}</li>", escape(&entry.sentence)))
         .collect();
     let said = if sentences.is_empty() { String::new() } else { format!("<ul class=\"said\">{sentences}</ul>") };

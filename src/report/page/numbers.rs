@@ -2,9 +2,10 @@
 
 use super::{section, words};
 use crate::report::findings::{Estimate, Findings, Member, Ranked};
+use crate::report::interval::{interval, said_before, value, with_interval};
 use crate::report::plot::Tone;
 use crate::report::plot::bars::{Bar, ranking};
-use crate::report::table::{Align, Table, escape, number, with_deviation};
+use crate::report::table::{Align, Table, escape, number};
 
 /// Bars shown.
 const CANDIDATES: usize = 10;
@@ -44,7 +45,7 @@ fn found_table(findings: &Findings) -> Table {
         ("missing", Align::Left),
         ("at", Align::Left),
         ("weight", Align::Right),
-        ("parameters, ± one standard deviation", Align::Left),
+        ("parameters, with their 95 % intervals", Align::Left),
     ]);
     for (i, entry) in findings.diagnosis.missing.iter().enumerate() {
         for (j, member) in entry.one_of.iter().enumerate() {
@@ -57,8 +58,8 @@ fn found_table(findings: &Findings) -> Table {
 }
 
 fn values(member: &Member) -> String {
-    let value = |(key, v): (&String, &Estimate)| format!("{} {}", words(key), with_deviation(v.value, v.std));
-    member.parameters.iter().map(value).collect::<Vec<_>>().join(", ")
+    let told = |(key, v): (&String, &Estimate)| format!("{} {}", words(key), said_before(&with_interval(v)));
+    member.parameters.iter().map(told).collect::<Vec<_>>().join(", ")
 }
 
 fn rejected_table(findings: &Findings) -> Table {
@@ -98,13 +99,15 @@ pub(super) fn parameters(findings: &Findings) -> String {
         ("given", right),
         ("re-fitted", right),
         ("explained", right),
-        ("± std", right),
+        ("95 % interval", right),
+        ("unit", Align::Left),
         ("", Align::Left),
     ]);
     for line in &findings.parameters {
-        let figures = [line.given, line.refitted, line.explained.value, line.explained.std].map(number);
+        let before = [line.given, line.refitted].map(number);
+        let after = [value(&line.explained), interval(&line.explained), line.explained.unit.to_owned()];
         let note = if line.at_bound { "at its bound" } else { "" };
-        table.push([line.name.clone()].into_iter().chain(figures).chain([note.to_owned()]));
+        table.push([line.name.clone()].into_iter().chain(before).chain(after).chain([note.to_owned()]));
     }
     let open: String = findings.undetermined.iter().map(|text| format!("<li>{}</li>", escape(text))).collect();
     let open = if open.is_empty() {
@@ -115,5 +118,5 @@ pub(super) fn parameters(findings: &Findings) -> String {
     if table.is_empty() && open.is_empty() {
         return String::new();
     }
-    section("Parameters", &(table.to_html() + &open))
+    section("Parameters", &(table.without_empty_columns().to_html() + &open))
 }
