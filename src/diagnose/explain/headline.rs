@@ -7,7 +7,7 @@
 use crate::diagnose::judge::verdict::{Diagnosis, Estimate, Member, Missing, ParameterLine, Trace, Verdict};
 use crate::diagnose::sentence::words;
 use crate::model::effect::{EffectKind, Role};
-use crate::model::rig::{MechanismKind, Rig, Sensor};
+use crate::model::rig::{Rig, Sensor};
 use crate::report::interval::{beside, say_once, value, with_interval, with_unit};
 use crate::report::table::number;
 
@@ -19,12 +19,14 @@ const TOLD: usize = 3;
 pub struct Cost {
     /// Sensor column.
     pub channel: String,
-    /// Root mean square with the numbers of the rig fitted again.
+    /// Root mean square of the rig as given; infinite where it runs away.
+    pub given: f64,
+    /// The same with its numbers fitted again.
     pub refitted: f64,
     /// The same with what was found.
     pub explained: f64,
     /// Thousandths of what: `mrad`, `mm`, `mrad/s`, `mm/s`.
-    pub unit: &'static str,
+    pub unit: String,
     /// Were the recordings kept back from the fit?
     pub is_heldout: bool,
 }
@@ -40,14 +42,11 @@ pub fn costs(rig: &Rig, traces: &[Trace]) -> Vec<Cost> {
             let (count, sum) = errors.filter(|e| e.is_finite()).fold((0.0, 0.0), |(n, s), e| (n + 1.0, s + e * e));
             libm::sqrt(sum / count)
         };
-        let unit = match (rig.mechanism == MechanismKind::Slider, sensor.is_rate) {
-            (false, false) => "mrad",
-            (false, true) => "mrad/s",
-            (true, false) => "mm",
-            (true, true) => "mm/s",
-        };
+        let runs_away = |t: &Trace| t.given.iter().zip(&t.refitted).any(|(g, r)| r.is_finite() && !g.is_finite());
+        let given = if of().any(runs_away) { f64::INFINITY } else { rms(|t| &t.given) };
         let (refitted, explained) = (rms(|t| &t.refitted), rms(|t| &t.explained));
-        Cost { channel: sensor.column.clone(), refitted, explained, unit, is_heldout }
+        let unit = format!("m{}", sensor.unit(rig.mechanism));
+        Cost { channel: sensor.column.clone(), given, refitted, explained, unit, is_heldout }
     };
     rig.sensors.iter().map(one).filter(|c| c.refitted.is_finite() && c.explained.is_finite()).collect()
 }
@@ -103,18 +102,22 @@ fn weight(cost: &Cost) -> f64 {
     if cost.unit.ends_with("/s") { gained - 1.0 } else { gained }
 }
 
+/// The error as given, with its numbers fitted again, and with what was found; of two that are written alike the first alone.
 fn cost_in_words(cost: &Cost) -> String {
-    let Cost { channel, refitted, explained, unit, is_heldout } = cost;
+    let Cost { channel, given, refitted, explained, unit, is_heldout } = cost;
     let milli = |x: f64| number(1e3 * x);
+    let (as_given, again, with_all) = (milli(*given), milli(*refitted), milli(*explained));
     let what = if *is_heldout { "recordings that were never fitted" } else { "the fitted recordings" };
-    if explained < refitted {
-        let (before, after) = (milli(*refitted), milli(*explained));
-        format!(
-            "On {what} the simulation misses {channel} by {before} {unit}, with the physics that it lacks by {after} {unit}."
-        )
-    } else {
-        format!("On {what} the simulation misses {channel} by {} {unit}.", milli(*refitted))
+    let mut text = format!("On {what} the simulation as given ");
+    text += &if given.is_finite() { format!("misses {channel} by {as_given} {unit}") } else { "runs away".to_owned() };
+    if again != as_given {
+        let channel = if given.is_finite() { String::new() } else { format!("misses {channel} ") };
+        text += &format!(", with re-fitted parameters {channel}by {again} {unit}");
     }
+    if explained < refitted && with_all != again {
+        text += &format!(", with the missing physics by {with_all} {unit}");
+    }
+    text + "."
 }
 
 /// The sentence of an entry, or, where its numbers say too little, only that.
@@ -245,6 +248,24 @@ mod tests {
     }
 
     #[test]
+    fn the_cost_names_the_error_as_given_and_tells_equal_ones_once() {
+        let of = |given: f64, refitted: f64, explained: f64| {
+            let (channel, unit) = ("q1".to_owned(), "mrad".to_owned());
+            cost_in_words(&Cost { channel, given, refitted, explained, unit, is_heldout: false })
+        };
+        assert_eq!(
+            of(0.21, 0.103, 0.000_671),
+            "On the fitted recordings the simulation as given misses q1 by 210 mrad, with re-fitted parameters by 103 mrad, \
+             with the missing physics by 0.671 mrad."
+        );
+        assert_eq!(of(0.21, 0.21, 0.21), "On the fitted recordings the simulation as given misses q1 by 210 mrad.");
+        assert!(
+            of(f64::INFINITY, 0.1, 0.1)
+                .ends_with("as given runs away, with re-fitted parameters misses q1 by 100 mrad.")
+        );
+    }
+
+    #[test]
     fn the_cost_is_told_in_thousandths_of_the_held_out_channel_that_gains_most() {
         let rig = Rig::parse(
             "schema = 1\nmechanism = \"slider\"\n[parameters]\nmass_kg = 1.0\n[[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\n\
@@ -265,6 +286,9 @@ mod tests {
         let costs = costs(&rig, &[trace("fit", 9.0), trace("heldout", 0.012)]);
         assert!((costs[0].refitted - 0.012).abs() < 1e-12 && costs[0].is_heldout);
         let said = cost_in_words(&costs[0]);
-        assert!(said.contains("misses x_m by 12 mm") && said.contains("by 1 mm"), "{said}");
+        assert!(
+            said.contains("misses x_m by 0 mm, with re-fitted parameters by 12 mm") && said.contains("by 1 mm"),
+            "{said}"
+        );
     }
 }
