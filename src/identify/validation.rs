@@ -71,6 +71,7 @@ fn lines(experiment: &Experiment, recording: &Recording, runs: [&FreeRun; 3]) ->
             recording: name,
             use_: use_.into(),
             channel,
+            unit: sensor.unit(experiment.rig.mechanism),
             t_s: recording.times.clone(),
             measured: recording.measured[c].clone(),
             given: runs[0].predicted[c].clone(),

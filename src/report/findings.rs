@@ -220,8 +220,10 @@ pub struct Trace {
     pub recording: String,
     /// `fit` or `heldout`.
     pub use_: String,
-    /// Sensor column, with its unit at the end.
+    /// Sensor column.
     pub channel: String,
+    /// Unit of its readings.
+    pub unit: &'static str,
     /// Time, s.
     pub t_s: Vec<f64>,
     /// What was read; NaN where a sample is missing.

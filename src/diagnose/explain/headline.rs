@@ -277,6 +277,7 @@ mod tests {
             recording: "a.csv".into(),
             use_: use_.into(),
             channel: "x_m".into(),
+            unit: "m",
             t_s: vec![0.0, 0.1, 0.2],
             measured: vec![0.0, f64::NAN, 0.0],
             given: vec![0.0; 3],

@@ -91,25 +91,36 @@ pub(super) fn wide(trace: &Trace, caption: &str) -> String {
     figure(&plot, caption)
 }
 
-/// Range that shows the measurement and what should follow it; a given simulation that runs away leaves the paper.
-fn range_of(signals: &[&[f64]]) -> [f64; 2] {
-    let finite = signals.iter().flat_map(|signal| signal.iter()).filter(|v| v.is_finite());
-    let [low, high] = finite.fold([f64::MAX, f64::MIN], |[low, high], v| [low.min(*v), high.max(*v)]);
-    if low < high { [low - 0.08 * (high - low), high + 0.08 * (high - low)] } else { [-1.0, 1.0] }
+/// How far from what it must show a drawing follows another curve, in heights of that.
+const FOLLOWED: f64 = 1.0;
+
+/// Range that shows all of `shown`, and of `beside` what is not far off it: a simulation that runs away leaves the paper.
+fn range_of(shown: &[&[f64]], beside: &[&[f64]]) -> [f64; 2] {
+    let Some([low, high]) = ends(shown).filter(|[low, high]| low < high) else { return [-1.0, 1.0] };
+    let reach = FOLLOWED * (high - low);
+    let [below, above] = ends(beside).unwrap_or([low, high]);
+    let (low, high) = (below.clamp(low - reach, low), above.clamp(high, high + reach));
+    [low - 0.08 * (high - low), high + 0.08 * (high - low)]
 }
 
-/// `name_rad_s` as a label: name, unit.
-fn label(channel: &str) -> String {
+/// The lowest and the highest value; none if there is no finite one.
+fn ends(signals: &[&[f64]]) -> Option<[f64; 2]> {
+    let finite = signals.iter().flat_map(|signal| signal.iter()).filter(|v| v.is_finite());
+    finite
+        .fold(None, |range: Option<[f64; 2]>, v| Some(range.map_or([*v; 2], |[low, high]| [low.min(*v), high.max(*v)])))
+}
+
+/// `name_rad_s` as a label: name, unit. A name without its unit gets it.
+fn label(channel: &str, unit: &str) -> String {
     let units = [("_rad_s", "rad/s"), ("_m_s", "m/s"), ("_rad", "rad"), ("_nm", "Nm"), ("_m", "m"), ("_deg", "deg")];
-    units
-        .iter()
-        .find_map(|(end, unit)| channel.strip_suffix(end).map(|name| format!("{name}, {unit}")))
-        .unwrap_or_else(|| channel.to_owned())
+    let named = units.iter().find_map(|(end, unit)| channel.strip_suffix(end).map(|name| (name, *unit)));
+    let (name, unit) = named.unwrap_or((channel, unit));
+    if unit.is_empty() { name.to_owned() } else { format!("{name}, {unit}") }
 }
 
 fn overlay(trace: &Trace, width: f64, height: f64) -> Plot {
-    let [low, high] = range_of(&[&trace.measured, &trace.explained]);
-    let y = Axis::linear(&label(&trace.channel)).within(low, high);
+    let [low, high] = range_of(&[&trace.measured, &trace.explained], &[&trace.given, &trace.refitted]);
+    let y = Axis::linear(&label(&trace.channel, trace.unit)).within(low, high);
     let mut plot = Plot::new(Axis::linear("time, s"), y)
         .line("measured", Tone::Measured, &trace.t_s, &trace.measured)
         .line("given", Tone::Given, &trace.t_s, &trace.given)
@@ -128,8 +139,8 @@ fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
 fn residual(trace: &Trace, places: &[Place], width: f64, height: f64) -> Plot {
     let refitted = difference(&trace.measured, &trace.refitted);
     let explained = difference(&trace.measured, &trace.explained);
-    let [low, high] = range_of(&[&refitted, &explained]);
-    let y = Axis::linear(&format!("residual, {}", label(&trace.channel))).within(low, high);
+    let [low, high] = range_of(&[&refitted, &explained], &[]);
+    let y = Axis::linear(&format!("residual, {}", label(&trace.channel, trace.unit))).within(low, high);
     let mut plot = Plot::new(Axis::linear("time, s"), y);
     let here = places.iter().filter(|p| p.recording == trace.recording && p.channel == trace.channel);
     plot.marks.extend(here.map(|p| Mark::Span { tone: Tone::Attention, from: p.from_s, to: p.to_s }));
@@ -210,6 +221,7 @@ fn cut(trace: &Trace, from: f64, to: f64) -> Trace {
         recording: trace.recording.clone(),
         use_: trace.use_.clone(),
         channel: trace.channel.clone(),
+        unit: trace.unit,
         t_s: inside(&trace.t_s),
         measured: inside(&trace.measured),
         given: inside(&trace.given),
@@ -238,4 +250,25 @@ fn law_plot(law: &Law, wide: bool) -> Plot {
     let (x, low, high) = (law.x.clone(), law.low.clone(), law.high.clone());
     plot.marks.push(Mark::Band { name: String::new(), tone: Tone::Explained, x, low, high });
     plot.line("", Tone::Explained, &law.x, &law.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drawing_shows_the_simulation_as_given_unless_it_runs_away() {
+        let [low, high] = range_of(&[&[-1.0, 1.0]], &[&[-1.4, 1.5]]);
+        assert!(low < -1.4 && high > 1.5, "{low} {high}");
+        let [low, high] = range_of(&[&[-1.0, 1.0]], &[&[0.0, 1e9, f64::NAN]]);
+        assert!(low > -1.5 && high < 3.5, "{low} {high}");
+        let [low, high] = range_of(&[&[f64::NAN]], &[]);
+        assert!(low < 0.0 && high > 0.0, "nothing to show");
+    }
+
+    #[test]
+    fn a_channel_whose_name_carries_no_unit_has_that_of_its_sensor() {
+        assert_eq!(label("q1_pos", "rad"), "q1_pos, rad");
+        assert_eq!(label("q1_rad_s", "rad/s"), "q1, rad/s");
+    }
 }

@@ -104,6 +104,11 @@ fn padded_log([low, high]: [f64; 2]) -> [f64; 2] {
     [10f64.powf(from), 10f64.powf(if to > from { to } else { from + 1.0 })]
 }
 
+/// Ticks that an axis has at least: one alone gives no scale.
+const LEAST_TICKS: usize = 2;
+/// Steps to ask for where there would be fewer: rounded up they are at most two and a half times as long, so two ticks fit.
+const ENOUGH: usize = 5;
+
 /// 1, 2 or 5 times a power of ten, the nearest below that gives about so many steps.
 fn nice_step(width: f64, about: usize) -> f64 {
     let raw = width / about.max(1) as f64;
@@ -114,13 +119,17 @@ fn nice_step(width: f64, about: usize) -> f64 {
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a handful of ticks, few decimals")]
 fn linear_ticks(low: f64, high: f64, about: usize) -> Vec<(f64, String)> {
-    let step = nice_step(high - low, about);
-    if !step.is_finite() || step <= 0.0 {
+    let ticks = |step: f64| {
+        let first = (low / step).ceil();
+        (step, first, ((high / step).floor() - first).max(-1.0) as usize + 1)
+    };
+    let wanted = nice_step(high - low, about);
+    if !wanted.is_finite() || wanted <= 0.0 {
         return Vec::new();
     }
+    let few = ticks(wanted);
+    let (step, first, count) = if few.2 < LEAST_TICKS { ticks(nice_step(high - low, about.max(ENOUGH))) } else { few };
     let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
-    let first = (low / step).ceil();
-    let count = ((high / step).floor() - first).max(-1.0) as usize + 1;
     let tick = |i: usize| (first + i as f64) * step;
     (0..count.min(50)).map(|i| (tick(i), tick_text(tick(i), step, decimals))).collect()
 }
@@ -152,6 +161,16 @@ mod tests {
     fn ticks_are_round_and_inside() {
         let texts: Vec<String> = linear_ticks(-0.13, 0.61, 5).into_iter().map(|(_, text)| text).collect();
         assert_eq!(texts, ["0.0", "0.2", "0.4", "0.6"]);
+    }
+
+    #[test]
+    fn an_axis_has_two_ticks_at_least() {
+        for (low, high) in [(-0.9, 0.9), (-0.43, 0.51), (0.12, 0.187), (-3.1, 1.9), (0.9, 1.9)] {
+            for about in 1..8 {
+                let ticks = linear_ticks(low, high, about);
+                assert!(ticks.len() >= 2, "{low} to {high}, about {about}: {ticks:?}");
+            }
+        }
     }
 
     #[test]
