@@ -139,22 +139,27 @@ fn passage(results: &Results, leg_length_m: f64) -> Option<Chapter> {
     ];
     let note =
         "Steps to a fall (mean first-passage time) from all runs, those that ended without a fall counted as cut \
-                short. Band: 95 %. Where nothing fell the curve is the lower bound alone (a third of the steps)."
+                short. Band: 95 %. Where nothing fell there is no estimate: an arrow stands at all the steps that were made, the \
+                band begins at their third and has no upper end."
             .to_owned();
     Some(Chapter { heading: "Rough floor".into(), note, plots, table: Table::default() })
 }
 
+/// Estimates as lines. Where nothing fell the mean is not known: an arrow from all the steps made, joined to nothing.
 fn passage_plot(groups: &[&Group], label: &str, x: impl Fn(&Group) -> f64 + Copy) -> Plot {
     let mut plot = Plot::new(Axis::linear(label), Axis::log("steps to a fall"));
     plot.height = 320.0;
     for (k, (name, curve)) in curves(groups, &[FLOOR], x).into_iter().enumerate() {
         let at: Vec<f64> = curve.iter().map(|g| x(g)).collect();
-        let mean: Vec<f64> = curve.iter().map(|g| g.mean_steps_to_fall.unwrap_or(g.steps_to_fall_low)).collect();
-        #[expect(clippy::cast_precision_loss, reason = "steps of some weeks")]
-        let high = curve.iter().map(|g| g.steps_to_fall_high.unwrap_or(g.steps as f64)).collect();
+        let mean: Vec<f64> = curve.iter().map(|g| g.mean_steps_to_fall.unwrap_or(f64::NAN)).collect();
+        let high = curve.iter().map(|g| g.steps_to_fall_high.unwrap_or(f64::INFINITY)).collect();
         let low = curve.iter().map(|g| g.steps_to_fall_low).collect();
+        let unfallen = || curve.iter().filter(|g| g.mean_steps_to_fall.is_none());
+        #[expect(clippy::cast_precision_loss, reason = "steps of some weeks")]
+        let (least_at, least) = (unfallen().map(|g| x(g)).collect(), unfallen().map(|g| g.steps as f64).collect());
         plot.marks.push(Mark::Band { name: String::new(), tone: tone(k), x: at.clone(), low, high });
         plot = plot.line(&name, tone(k), &at, &mean);
+        plot.marks.push(Mark::AtLeast { tone: tone(k), x: least_at, y: least });
     }
     plot
 }
@@ -305,6 +310,19 @@ mod tests {
             }
         }
         Results::new("Test of the page", "0123456789abcdef", runs.len() + 2, runs)
+    }
+
+    #[test]
+    fn where_nothing_fell_stands_an_arrow_and_no_estimate() {
+        let results = results();
+        let walked: Vec<&Group> = results.groups.iter().filter(|g| g.controller == "walk").collect();
+        let plot = passage_plot(&walked, "mm", |g| 1e3 * g.floor_m);
+        let [Mark::Band { high, .. }, Mark::Line { y, .. }, Mark::AtLeast { x, y: least, .. }] = &plot.marks[..] else {
+            panic!("{:?}", plot.marks)
+        };
+        assert_eq!((x.as_slice(), least.as_slice()), (&[0.0, 10.0][..], &[8000.0, 8000.0][..]));
+        assert!(high[..2].iter().all(|h| h.is_infinite()) && high[2..].iter().all(|h| h.is_finite()));
+        assert!(y[..2].iter().all(|y| y.is_nan()) && y[2..].iter().all(|y| y.is_finite()));
     }
 
     #[test]

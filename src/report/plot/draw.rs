@@ -45,7 +45,7 @@ impl Sheet {
 
 fn abscissae(mark: &Mark) -> &[f64] {
     match mark {
-        Mark::Line { x, .. } | Mark::Band { x, .. } => x,
+        Mark::Line { x, .. } | Mark::Band { x, .. } | Mark::AtLeast { x, .. } => x,
         Mark::Bars { edges, .. } => edges,
         Mark::Span { .. } | Mark::Level { .. } => &[],
     }
@@ -53,7 +53,7 @@ fn abscissae(mark: &Mark) -> &[f64] {
 
 fn ordinates(mark: &Mark) -> Vec<&f64> {
     match mark {
-        Mark::Line { y, .. } => y.iter().collect(),
+        Mark::Line { y, .. } | Mark::AtLeast { y, .. } => y.iter().collect(),
         Mark::Band { low, high, .. } => low.iter().chain(high).collect(),
         Mark::Bars { heights, .. } => heights.iter().chain(&[0.0]).collect(),
         Mark::Level { y, .. } => vec![y],
@@ -87,7 +87,14 @@ pub(super) fn svg(plot: &Plot, style: &str) -> String {
     for mark in &plot.marks {
         draw(&mut out, mark, &sheet);
     }
-    out + "</svg></svg>"
+    out += "</svg>";
+    // An arrow from the top of the sheet points beyond it: it is not clipped.
+    for mark in &plot.marks {
+        if let Mark::AtLeast { tone, x, y } = mark {
+            arrows(&mut out, *tone, (x, y), &sheet);
+        }
+    }
+    out + "</svg>"
 }
 
 /// Writing into a string cannot fail.
@@ -116,7 +123,7 @@ fn legend(out: &mut String, plot: &Plot, right: f64, y: f64) {
         let entry = match mark {
             Mark::Line { name, tone, .. } => (name.as_str(), *tone, true),
             Mark::Band { name, tone, .. } | Mark::Bars { name, tone, .. } => (name.as_str(), *tone, false),
-            Mark::Span { .. } | Mark::Level { .. } => continue,
+            Mark::Span { .. } | Mark::Level { .. } | Mark::AtLeast { .. } => continue,
         };
         if !entry.0.is_empty() && !entries.iter().any(|known| known.0 == entry.0) {
             entries.push(entry);
@@ -177,6 +184,7 @@ fn draw(out: &mut String, mark: &Mark, sheet: &Sheet) {
         Mark::Span { tone, from, to } => span(out, *tone, *from, *to, sheet),
         Mark::Level { tone, y } => line(out, *tone, &sheet.x.ends(), &[*y, *y], sheet),
         Mark::Bars { tone, edges, heights, .. } => bars(out, *tone, edges, heights, sheet),
+        Mark::AtLeast { .. } => {}
     }
 }
 
@@ -206,15 +214,42 @@ fn polyline(path: &mut String, points: &[(f64, f64)], start: char) {
     }
 }
 
+/// A band; an upper edge without end lies above the sheet.
 fn band(out: &mut String, tone: Tone, x: &[f64], (low, high): (&[f64], &[f64]), sheet: &Sheet) {
-    let place =
-        |edge: &[f64]| -> Vec<(f64, f64)> { x.iter().zip(edge).filter_map(|(x, y)| sheet.point(*x, *y)).collect() };
-    let mut back = place(high);
+    let place = |(x, y): (&f64, &f64)| {
+        if *y == f64::INFINITY { Some((sheet.x.place(*x)?, -sheet.height)) } else { sheet.point(*x, *y) }
+    };
+    let edge = |edge: &[f64]| -> Vec<(f64, f64)> { x.iter().zip(edge).filter_map(place).collect() };
+    let mut back = edge(high);
     back.reverse();
     let mut path = String::new();
-    polyline(&mut path, &place(low), 'M');
+    polyline(&mut path, &edge(low), 'M');
     polyline(&mut path, &back, 'L');
     put(out, format_args!("<path class=\"area {}\" d=\"{path}Z\"/>", tone.class()));
+}
+
+/// Length of an arrow, and how far its head reaches back and to the sides, px.
+const ARROW: f64 = 16.0;
+const ARROW_HEAD: f64 = 4.0;
+
+/// A dot, an arrow upwards from it, and `≥` beside it; in the coordinates of the whole drawing.
+fn arrows(out: &mut String, tone: Tone, (x, y): (&[f64], &[f64]), sheet: &Sheet) {
+    let (class, head) = (tone.class(), ARROW_HEAD);
+    for (x, y) in x.iter().zip(y).filter_map(|(x, y)| sheet.point(*x, *y)) {
+        let (x, y) = (sheet.left + x, sheet.top + y);
+        let (tip, beside) = (y - ARROW, x + 2.0 * head);
+        put(
+            out,
+            format_args!(
+                "<path class=\"line {class} arrow\" d=\"M{0:.1} {y:.1}H{1:.1}M{x:.1} {y:.1}V{tip:.1}M{0:.1} {2:.1}L{x:.1} \
+                 {tip:.1}L{1:.1} {2:.1}\"/><text class=\"strong\" x=\"{beside:.1}\" y=\"{3:.1}\">≥</text>",
+                x - head,
+                x + head,
+                tip + head,
+                y - head
+            ),
+        );
+    }
 }
 
 fn span(out: &mut String, tone: Tone, from: f64, to: f64, sheet: &Sheet) {
@@ -253,6 +288,18 @@ mod tests {
             Plot::new(Axis::linear("t, s"), Axis::linear("q, rad")).line("measured", Tone::Measured, &t, &y).to_svg();
         assert!(svg.len() < 60_000, "{}", svg.len());
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
+    }
+
+    #[test]
+    fn a_lower_bound_is_an_arrow_and_its_band_is_open_upwards() {
+        let mut plot = Plot::new(Axis::linear("floor"), Axis::log("steps"));
+        let (x, low, high) = (vec![0.0, 1.0], vec![100.0, 10.0], vec![f64::INFINITY, 90.0]);
+        plot.marks.push(Mark::Band { name: String::new(), tone: Tone::Series(0), x, low, high });
+        plot.marks.push(Mark::AtLeast { tone: Tone::Series(0), x: vec![0.0], y: vec![300.0] });
+        let svg = plot.to_svg();
+        assert!(svg.contains('≥') && !svg.contains("inf"));
+        let band = svg.split("class=\"area s0\" d=\"").nth(1).unwrap().split('Z').next().unwrap();
+        assert!(band.contains(&format!("L0.0 -{:.1}", 280.0 - HEAD - BOTTOM)), "above the sheet: {band}");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Plots as SVG: lines, bands, shaded intervals, histograms; linear and logarithmic axes.
+//! Plots as SVG: lines, bands, lower bounds, shaded intervals, histograms; linear and logarithmic axes.
 //!
 //! Own writer, not `plotters`: the tones are classes, so that one drawing serves light, dark and paper, and every tone
 //! has a dash of its own, so that it also serves a black-and-white printer and colour-blind readers.
@@ -42,8 +42,17 @@ pub enum Mark {
         x: Vec<f64>,
         /// Lower edge.
         low: Vec<f64>,
-        /// Upper edge.
+        /// Upper edge; infinite where the band is open upwards.
         high: Vec<f64>,
+    },
+    /// Arrows upwards: values of which only a lower bound is known.
+    AtLeast {
+        /// Colour.
+        tone: Tone,
+        /// Abscissae.
+        x: Vec<f64>,
+        /// The bounds.
+        y: Vec<f64>,
     },
     /// A shaded interval of the abscissa, full height.
     Span {

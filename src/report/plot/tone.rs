@@ -51,7 +51,7 @@ svg.plot .refitted{stroke:var(--refitted);stroke-dasharray:6 3}svg.plot .explain
 svg.plot .attention{stroke:var(--attention)}svg.plot .s0{stroke:var(--explained)}\
 svg.plot .s1{stroke:var(--refitted);stroke-dasharray:6 3}svg.plot .s2{stroke:var(--s2);stroke-dasharray:2 2}\
 svg.plot .s3{stroke:var(--s3);stroke-dasharray:8 3 2 3}svg.plot .s4{stroke:var(--s4);stroke-dasharray:3 4}\
-svg.plot .s5{stroke:var(--s5);stroke-dasharray:10 4}\
+svg.plot .s5{stroke:var(--s5);stroke-dasharray:10 4}svg.plot .arrow{stroke-dasharray:none}\
 svg.plot .line.measured{stroke-width:3.2;opacity:.42}\
 svg.plot .area{stroke:none;opacity:.22}svg.plot .bar{stroke:none;opacity:.85}\
 svg.plot .area.measured,svg.plot .bar.measured{fill:var(--measured)}\
