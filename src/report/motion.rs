@@ -146,7 +146,9 @@ fn portrait(motion: &Motion) -> String {
     }
     for (leg, class, name) in [(Stance::Inner, "--explained", "inner leg"), (Stance::Outer, "--refitted", "outer leg")]
     {
-        let points: Vec<_> = of(leg).collect();
+        let mut points: Vec<_> = of(leg).collect();
+        // Where the end is the beginning its touchdown closes the loop.
+        points.extend(points.first().copied().filter(|_| motion.periodic));
         let line: String = points.iter().map(|p| place(p.0, p.1)).map(|(x, y)| format!("{x:.1},{y:.1} ")).collect();
         let dash = if leg == Stance::Inner { "" } else { " stroke-dasharray=\"7 3\"" };
         out += &format!("<polyline points=\"{line}\" fill=\"none\" stroke=\"var({class})\" stroke-width=\"2\"{dash}/>");
@@ -165,12 +167,19 @@ fn portrait(motion: &Motion) -> String {
             W - 116.0
         );
     }
+    out += &labels([W, H, EDGE], [[x0, x1], [y0, y1]]);
+    out + "</svg></figure>"
+}
+
+/// The ends of both axes and their names.
+fn labels([width, height, edge]: [f64; 3], [[x0, x1], [y0, y1]]: [[f64; 2]; 2]) -> String {
+    let mut out = String::new();
     for (x, y, text, anchor) in [
-        (EDGE, H - 22.0, format!("{x0:.2}"), "start"),
-        (W - 16.0, H - 22.0, format!("{x1:.2}"), "end"),
-        (W / 2.0, H - 6.0, "angle, rad".to_owned(), "middle"),
-        (EDGE - 6.0, H - 40.0, format!("{y0:.1}"), "end"),
-        (EDGE - 6.0, 28.0, format!("{y1:.1}"), "end"),
+        (edge, height - 22.0, format!("{x0:.2}"), "start"),
+        (width - 16.0, height - 22.0, format!("{x1:.2}"), "end"),
+        (width / 2.0, height - 6.0, "angle, rad".to_owned(), "middle"),
+        (edge - 6.0, height - 40.0, format!("{y0:.1}"), "end"),
+        (edge - 6.0, 28.0, format!("{y1:.1}"), "end"),
     ] {
         out += &format!(
             "<text x=\"{x:.0}\" y=\"{y:.0}\" fill=\"var(--soft)\" font-size=\"13\" text-anchor=\"{anchor}\">{text}</text>"
@@ -178,9 +187,9 @@ fn portrait(motion: &Motion) -> String {
     }
     out += &format!(
         "<text transform=\"translate(14 {:.0}) rotate(-90)\" fill=\"var(--soft)\" font-size=\"13\" text-anchor=\"middle\">rate, rad/s</text>",
-        H / 2.0
+        height / 2.0
     );
-    out + "</svg></figure>"
+    out
 }
 
 #[cfg(test)]
@@ -212,5 +221,7 @@ mod tests {
         assert!(html.contains("gait &lt;x&gt;") && !html.contains("http://") || html.contains("www.w3.org"));
         assert_eq!(html.matches("class=\"plot\"").count(), 6, "animation, portrait, torque, clearance, two of force");
         assert!(!html.contains("src=") && !html.contains("NaN"));
+        let dots = |periodic: bool| portrait(&Motion { periodic, ..motion.clone() }).matches("<circle").count();
+        assert_eq!((dots(false), dots(true)), (4, 8), "two touchdowns of a gait, each with the jump of both legs");
     }
 }
