@@ -21,14 +21,17 @@ const WIDE: f64 = 30.0;
 /// Linearisations looked at.
 const MOST: usize = 25;
 
-/// Prints lines of a word and numbers: `std` of the channels, `start` cost, then per number of linearisations `at`
-/// seconds and cost, and `values` of the parameters. With `only` so many linearisations and nothing but the values.
+/// Prints lines of a word and what it says: `parameters` by name, `std` of the channels, `start` cost, then per number of
+/// linearisations `at` seconds and cost, and `values` of the parameters, in the order of their names. With `only` so many
+/// linearisations and nothing but names and values.
 pub(super) fn run(case: &Path, horizons_s: &[f64], only: Option<usize>) -> anyhow::Result<Outcome> {
     let experiment = Experiment::load(case)?;
     let std = Pooled::of(&experiment.rig, experiment.of_use(Use::Fit)).std;
     let noise: Vec<Colour> = std.iter().map(|std| Colour::white(WIDE * std)).collect();
     let full = Problem::new(experiment.rig.clone(), fit_recordings(&experiment));
     let mut out = std::io::stdout().lock();
+    let names: Vec<&str> = full.theta.entries.iter().map(|entry| entry.name.as_str()).collect();
+    writeln!(out, "parameters {}", names.join(","))?;
     // A run to be timed does what a fit needs and no more: the other contenders' clocks see no further costs either.
     if only.is_none() {
         writeln!(out, "std {}\nstart {}", listed(&std), cost(&full, &full.start(), &std))?;
