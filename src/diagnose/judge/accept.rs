@@ -25,29 +25,58 @@ fn has_bristle(now: &FittedModel) -> bool {
     now.rig.effects.iter().any(|effect| effect.kind == EffectKind::Presliding)
 }
 
-/// True if `trial` explains enough to be accepted.
-fn explains_enough(base: &FittedModel, trial: &CandidateFit, explained_before: f64, context: &Context) -> bool {
+/// What a candidate that gained enough did not stand, as the report tells it.
+mod failed {
+    pub(super) const TOO_LITTLE: &str = "it gains too little where it was asked last";
+    pub(super) const SCATTERED: &str =
+        "it gains on some stretches of the recordings and loses on others, as chance does";
+    pub(super) const OF_FORM: &str =
+        "beside what was found before it the gain is so small that the imperfect form of that may be all it explains";
+    pub(super) const BESIDE_MISFIT: &str = "the gain is small beside the smooth misfit that it leaves";
+    pub(super) const FITS_ANYTHING: &str =
+        "it fits a piece of any smooth misfit, and recordings kept back do not bear it out";
+    pub(super) const NOTHING: &str = "its strength was fitted to nothing";
+    pub(super) const NOT_FOUND: &str =
+        "a number of it ran to the edge of its range, or it rings only where something else shakes it";
+    pub(super) const ONLY_LATE: &str =
+        "readings and commands, whose instants are known only to a part of a row, explain it as well";
+    pub(super) const REACHES_NOTHING: &str = "its 95 % interval reaches nothing";
+    pub(super) const REFUTED: &str = "its recording, cut into other windows, speaks against it";
+    pub(super) const NOT_KEPT: &str =
+        "it keeps less than a quarter of its gain on recordings, or stretches, left out of the fit";
+}
+
+/// Why `trial` does not explain enough to be accepted; none if it does.
+fn explains_too_little(
+    base: &FittedModel,
+    trial: &CandidateFit,
+    explained_before: f64,
+    context: &Context,
+) -> Option<&'static str> {
     let sure = compare(&trial.hypothesis, base, context);
     // A second effect must not live off the first one's imperfect form.
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
     let inexact = misfit || has_bristle(base);
     let least = if inexact { ROUGH_FORM } else { FORM };
-    let share = trial.gain >= least * explained_before;
-    // Against smooth misfit chance has no measure: what matters to a user has.
-    let noticed = !misfit || trial.gain > LEAST_SHARE * context.samples as f64;
-    let admitted = noticed && !is_overly_flexible(base, trial, context);
-    trial.gain > detection_threshold(context, trial.candidate.keys.len())
-        && is_significant(&trial.candidate, sure)
-        && share
-        && admitted
-        && !is_at_zero(trial)
-        && trial
-            .hypothesis
-            .rig
-            .effects
-            .len()
-            .checked_sub(1)
-            .is_none_or(|e| is_admissible(&trial.hypothesis, e, context))
+    let last = || trial.hypothesis.rig.effects.len().checked_sub(1);
+    if trial.gain <= detection_threshold(context, trial.candidate.keys.len()) {
+        Some(failed::TOO_LITTLE)
+    } else if !is_significant(&trial.candidate, sure) {
+        Some(failed::SCATTERED)
+    } else if trial.gain < least * explained_before {
+        Some(failed::OF_FORM)
+    } else if misfit && trial.gain <= LEAST_SHARE * context.samples as f64 {
+        // Against smooth misfit chance has no measure: what matters to a user has.
+        Some(failed::BESIDE_MISFIT)
+    } else if is_overly_flexible(base, trial, context) {
+        Some(failed::FITS_ANYTHING)
+    } else if is_at_zero(trial) {
+        Some(failed::NOTHING)
+    } else if last().is_some_and(|e| !is_admissible(&trial.hypothesis, e, context)) {
+        Some(failed::NOT_FOUND)
+    } else {
+        None
+    }
 }
 
 /// True if effect `e` of `of` is one that was found: no number of it at the edge of its range, and no mode that something else
@@ -89,7 +118,8 @@ pub fn is_accepted(
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> bool {
-    let by_rule = obeys_the_rules(now, trial, explained, kept, context, said);
+    let failed = failed_test(now, trial, explained, kept, context, said);
+    let by_rule = failed.is_none();
     let evidence = Evidence::over(now, &trial.hypothesis, trial.gain, all.len());
     context.ledger.note(Comparison {
         question: "accept",
@@ -98,22 +128,25 @@ pub fn is_accepted(
         against: None,
         gain: trial.gain,
         by_rule,
+        failed,
         by_evidence: evidence.total() > 0.0,
         evidence,
     });
     by_rule
 }
 
-fn obeys_the_rules(
+/// The first test that `trial` does not stand; none if it stands all.
+fn failed_test(
     now: &FittedModel,
     trial: &CandidateFit,
     explained: f64,
     kept: impl FnOnce() -> Option<f64>,
     context: &Context,
     said: &mut dyn FnMut(&str),
-) -> bool {
-    if !explains_enough(now, trial, explained, context) {
-        return false;
+) -> Option<&'static str> {
+    let too_little = explains_too_little(now, trial, explained, context);
+    if too_little.is_some() {
+        return too_little;
     }
     let effect = trial.candidate.effect;
     let threshold = detection_threshold(context, trial.candidate.keys.len());
@@ -121,14 +154,14 @@ fn obeys_the_rules(
     let beside = gain_beside_instants(now, &trial.hypothesis, (trial.gain, threshold), only, TOUCHDOWN_S);
     said(&format!("   {effect} gains {:.0}, {beside:.0} beside instants that are known to half a step", trial.gain));
     if beside <= threshold {
-        return false;
+        return Some(failed::ONLY_LATE);
     }
     let misfit = is_misfit(&trial.hypothesis.residuals, &context.floors);
     let last = trial.hypothesis.rig.effects.len().saturating_sub(1);
     // Where but noise is left, a strength that a base parameter shares is uncertain; that it is none is not.
     if misfit && strength_is_undetermined(&trial.hypothesis.clone().with_intervals(), last) {
         said(&format!("   {effect} is not two deviations from nothing"));
-        return false;
+        return Some(failed::REACHES_NOTHING);
     }
     // What lasts is asked in company, at the end: while another effect is missing the first bends to the recordings it is fitted to.
     let event = trial.candidate.only.as_ref();
@@ -138,20 +171,21 @@ fn obeys_the_rules(
     if let Some(told) = told {
         said(&format!("   {effect}, in its recording cut elsewhere: {told}"));
         if told.refutes(trial.candidate.keys.len(), context) {
-            return false;
+            return Some(failed::REFUTED);
         }
     }
-    let Some(kept) = kept() else { return true };
+    let kept = kept()?;
     said(&format!("   {effect} keeps {kept:.2} of its gain on recordings left out"));
     if kept >= QUARTER || trial.candidate.only.is_some() {
-        return true;
+        return None;
     }
     // What few recordings say of one another, when one is left out, is less than what those say that no fit saw.
     let told = Confirmation::on_kept_back(&trial.hypothesis, now, held_out, floors);
-    told.is_some_and(|told| {
+    let is_borne_out = told.is_some_and(|told| {
         said(&format!("   {effect}, on recordings kept back: {told}"));
         told.bears_out(context)
-    })
+    });
+    (!is_borne_out).then_some(failed::NOT_KEPT)
 }
 
 /// True if the strength of effect `e` is not two deviations from nothing, as far as the residual tells: such a number is no

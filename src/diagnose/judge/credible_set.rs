@@ -45,6 +45,7 @@ pub fn weight_in_set(
             against: Some(format!("{}@{}", mine.id(), winner.rig.effects[place].at)),
             gain: -lead.total,
             by_rule: is_member,
+            failed: None,
             by_evidence: evidence.is_in_window(),
             evidence,
         });

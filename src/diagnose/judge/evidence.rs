@@ -101,6 +101,9 @@ pub struct Comparison {
     pub gain: f64,
     /// Answer of the rule.
     pub by_rule: bool,
+    /// Which test an effect that is not accepted did not stand, in words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub failed: Option<&'static str>,
     /// Answer of the evidence.
     pub by_evidence: bool,
     /// Its parts.
@@ -119,6 +122,15 @@ impl Ledger {
         }
     }
 
+    /// Which test an effect did not stand when it was asked last; none if it was accepted or not asked.
+    #[must_use]
+    pub fn failed(&self, effect: &str, at: &str) -> Option<&'static str> {
+        let all = self.0.lock().ok()?;
+        let asked =
+            |one: &&Comparison| one.question == "accept" && (one.effect.as_str(), one.at.as_str()) == (effect, at);
+        all.iter().rev().find(asked)?.failed
+    }
+
     /// Everything that was noted.
     #[must_use]
     pub fn all(&self) -> Vec<Comparison> {
@@ -131,6 +143,30 @@ mod tests {
     use super::*;
 
     /// `y = J x + e`, `x` and `e` normal: twice the logarithm of `p(y)` over that without `x`, in closed form and by Laplace.
+    #[test]
+    fn the_ledger_knows_which_test_an_effect_failed_when_it_was_asked_last() {
+        let ledger = Ledger::default();
+        let note = |question: &'static str, failed: Option<&'static str>| {
+            ledger.note(Comparison {
+                question,
+                effect: "backlash".into(),
+                at: "q1".into(),
+                against: None,
+                gain: 100.0,
+                by_rule: failed.is_none(),
+                failed,
+                by_evidence: true,
+                evidence: Evidence { fit: 1.0, occam: 0.0, search: 0.0 },
+            });
+        };
+        note("accept", Some("first"));
+        note("accept", Some("last"));
+        note("member", None);
+        assert_eq!((ledger.failed("backlash", "q1"), ledger.failed("backlash", "q2")), (Some("last"), None));
+        note("accept", None);
+        assert_eq!(ledger.failed("backlash", "q1"), None, "accepted");
+    }
+
     #[test]
     fn of_a_linear_model_with_a_normal_prior_it_is_exact() {
         let j = DMatrix::from_fn(30, 2, |r, c| libm::cos(0.3 * r as f64 * (c + 1) as f64) + 0.1 * c as f64);

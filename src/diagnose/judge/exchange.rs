@@ -49,6 +49,7 @@ pub fn takes_its_place(
         against: Some(format!("{}@{}", added.candidate.effect, added.candidate.at)),
         gain,
         by_rule,
+        failed: None,
         by_evidence: evidence.total() > 0.0,
         evidence,
     });

@@ -4,6 +4,7 @@
 
 use super::criterion::{Context, detection_threshold};
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
+use crate::diagnose::library::candidates::Candidate;
 use crate::report::findings::{Missing, Rejected};
 
 /// Each effect of which that is so, with the number that says so.
@@ -30,19 +31,24 @@ pub fn rejected(
     }
     for trial in last.iter().take(8) {
         let least = detection_threshold(context, trial.candidate.keys.len());
-        let gain = format!("gains {:.0} in twice the log-likelihood", trial.gain.max(0.0));
-        let counts = trial.gain > least;
-        push(
-            trial,
-            if counts {
-                format!("{gain}, but did not stand the tests that follow: diagnose -v tells which")
-            } else {
-                format!("{gain}; {least:.0} is the least that counts")
-            },
-        );
+        let Candidate { effect, at, .. } = &trial.candidate;
+        push(trial, of_last_round(trial.gain, least, context.ledger.failed(effect, at)));
     }
     out
 }
+
+/// Why what gains `gain` on top of the answer is no part of it. `least`: what counts; `failed`: the test that it did not stand.
+fn of_last_round(gain: f64, least: f64, failed: Option<&str>) -> String {
+    let gains = format!("gains {:.0} in twice the log-likelihood", gain.max(0.0));
+    if gain > least {
+        format!("{gains}, but {}", failed.unwrap_or(NOT_ASKED))
+    } else {
+        format!("{gains}; {least:.0} is the least that counts")
+    }
+}
+
+/// Of what gained enough and was never tested.
+const NOT_ASKED: &str = "it was not tested further: it bends to anything, is far behind the best, or the work ended";
 
 /// Why what was fitted in the place of `named`, and is `ahead` of it in twice the log-likelihood, is not the answer.
 fn in_its_place(named: &str, ahead: f64) -> String {
@@ -54,6 +60,15 @@ fn in_its_place(named: &str, ahead: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_gains_enough_names_the_test_that_it_did_not_stand() {
+        assert_eq!(
+            of_last_round(500.0, 76.0, Some("it is late")),
+            "gains 500 in twice the log-likelihood, but it is late"
+        );
+        assert!(of_last_round(18.0, 76.0, None).ends_with("; 76 is the least that counts"));
+    }
 
     #[test]
     fn a_rival_that_is_ahead_by_too_little_is_not_told_as_behind() {
