@@ -34,6 +34,8 @@ def main(folders: list[str]) -> None:
             there = hidden(truth, trace.stem)
             for line in filter(str.strip, trace.read_text().splitlines()):
                 one = json.loads(line)
+                if "question" not in one:
+                    continue
                 is_hidden = (one["effect"], one["at"]) in there or (one["effect"], None) in there
                 counts[one["question"], is_hidden, one["by_rule"], one["by_evidence"]] += 1
                 if one["by_rule"] != one["by_evidence"]:

@@ -4,7 +4,7 @@ use super::output::{files_in, is_same, spare_case, spare_inputs};
 use super::{Outcome, Run, UsageError, progress, seed, warn};
 use crate::diagnose::judge::evidence::Comparison;
 use crate::diagnose::judge::numbers::LEAST_SHARE;
-use crate::diagnose::pipeline::{Answer, Options, diagnose};
+use crate::diagnose::pipeline::{Answer, Note, Options, diagnose};
 use crate::identify::experiment::Experiment;
 use crate::identify::own::OwnCase;
 use crate::report::page;
@@ -41,7 +41,8 @@ pub(crate) struct Args {
     /// Smallest part of the misfit that an effect removes when it matters, 0 to 1; what is smaller is listed as seen
     #[arg(long, value_name = "PART", default_value_t = LEAST_SHARE, value_parser = part)]
     least: f64,
-    /// Write every comparison of the judge, by its rules and by the evidence that stands beside them, as lines of JSON
+    /// Write what goes on in detail, then every comparison of the judge, by its rules and by the evidence that stands beside
+    /// them, as lines of JSON
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     /// Tells each stage on stderr
@@ -64,11 +65,19 @@ impl Run for Args {
         let experiment = Experiment::load(&self.case_folder()?)?;
         warn::of_input(&experiment.recordings)?;
         let spinner = progress::spinner("diagnosing");
-        let tell = |text: &str| {
-            spinner.set_message(text.to_owned());
+        let mut details = String::new();
+        let tell = |note: Note<'_>| {
+            if self.trace.is_some() {
+                details += &told(note);
+            }
+            if note.is_detail() {
+                return;
+            }
+            let Note { after_s, text } = note;
+            spinner.set_message(format!("{after_s:5.1} s  {text}"));
             if self.verbose {
                 // Progress is talk; a closed stderr must not stop the work.
-                writeln!(io::stderr(), "{text}").unwrap_or_default();
+                writeln!(io::stderr(), "{after_s:5.1} s  {text}").unwrap_or_default();
             }
         };
         let options = Options { seed: self.seed, least_share: self.least };
@@ -76,7 +85,7 @@ impl Run for Args {
         spinner.finish_and_clear();
         self.write(&answer)?;
         if let Some(path) = &self.trace {
-            fs::write(path, lines(&answer.comparisons)?).with_context(|| path.display().to_string())?;
+            fs::write(path, details + &lines(&answer.comparisons)?).with_context(|| path.display().to_string())?;
         }
         let diagnosis = &answer.findings.diagnosis;
         let mut out = io::stdout().lock();
@@ -93,6 +102,12 @@ impl Run for Args {
 fn lies_in(file: &Path, folder: Option<&Path>) -> bool {
     let parent = file.parent().map(|parent| if parent.as_os_str().is_empty() { Path::new(".") } else { parent });
     parent.zip(folder).is_some_and(|(parent, folder)| is_same(parent, folder))
+}
+
+/// A line of JSON for a note.
+fn told(note: Note<'_>) -> String {
+    let line = serde_json::json!({ "after_s": note.after_s, "told": note.text.trim_start() });
+    format!("{line}\n")
 }
 
 /// A line of JSON for each comparison.

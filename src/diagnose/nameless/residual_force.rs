@@ -84,9 +84,7 @@ pub fn unexplained(
         return Some((changed, true));
     }
     let removed = 1.0 - energy(found, base) / energy(base, base);
-    said(&format!(
-        "  ... listed effects gain {listed:.0} in the same measure, they remove {removed:.2} of the squares"
-    ));
+    said(&format!("   listed effects gain {listed:.0} in the same measure, they remove {removed:.2} of the squares"));
     let held = Excess { on_base: on_base.held(), ..excess };
     let force = on_base.force.map(|(force, _)| force);
     if found.rig.effects.len() == base.rig.effects.len() {
@@ -123,7 +121,7 @@ fn changed(
     let name = &base.problem.recordings[changed.recording].name;
     let ahead = changed.ahead_of(found);
     said(&format!(
-        "another machine from {:.2} s of {name} on, fitted: {ahead:.0} ahead of what was found",
+        "   another machine from {:.2} s of {name} on, fitted: {ahead:.0} ahead of what was found",
         changed.from_s
     ));
     if !changed.says_more_than(found, base, context) {
@@ -166,7 +164,7 @@ fn over_position(
     let curve = FreeCurve::fitted(base, joint, &ltv_windows(base)?, context)?;
     let ahead = compare(&curve.hypothesis, found, context).total;
     let at = base.rig.mechanism.coordinates()[joint];
-    said(&format!("free force over the position of {at}, fitted: {ahead:.0} ahead of what was found"));
+    said(&format!("   free force over the position of {at}, fitted: {ahead:.0} ahead of what was found"));
     let says_more = curve.says_more_than(found, base, context) && !refutes_curve(&curve, base, context, said);
     says_more.then(|| {
         let part = 1.0 - energy(&curve.hypothesis, base) / energy(base, base);
@@ -266,7 +264,7 @@ fn structure(of: &FittedModel, with_time: bool, context: &Context, said: &mut dy
     patterns.retain(|p| with_time || !p.is_over_time());
     patterns.sort_by(|a, b| b.excess().total_cmp(&a.excess()));
     let best = patterns.first()?;
-    said(&format!("free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
+    said(&format!("   free force over {}: gain {:.0} for {} numbers", best.over, best.gain, best.numbers));
     let name = |p: &Pattern| of.rig.mechanism.coordinates()[p.joint].to_owned();
     // What is too little to count says how little is left, and is not asked.
     let asked = |p: &&Pattern| p.excess() > detection_threshold(context, 0);

@@ -51,6 +51,23 @@ impl Default for Options {
     }
 }
 
+/// What is told while a diagnosis runs: a stage for people, or, where the text is indented, a detail for `--trace`.
+#[derive(Clone, Copy, Debug)]
+pub struct Note<'t> {
+    /// Time since the beginning.
+    pub after_s: f64,
+    /// What is going on.
+    pub text: &'t str,
+}
+
+impl Note<'_> {
+    /// True if it says little to who has not read the code.
+    #[must_use]
+    pub fn is_detail(&self) -> bool {
+        self.text.starts_with(' ')
+    }
+}
+
 /// Diagnoses a case. `told` hears what is going on.
 ///
 /// # Errors
@@ -58,10 +75,10 @@ impl Default for Options {
 pub fn diagnose(
     experiment: &Experiment,
     options: Options,
-    mut told: impl FnMut(&str),
+    mut told: impl FnMut(Note<'_>),
 ) -> Result<Answer, DiagnoseError> {
     let began = Instant::now();
-    let mut said = |text: &str| told(&format!("{:5.1} s  {text}", began.elapsed().as_secs_f64()));
+    let mut said = |text: &str| told(Note { after_s: began.elapsed().as_secs_f64(), text });
     let first = Start::of(experiment, options.seed, &mut said)?;
     let mut walk = on_whole_windows(experiment, first.clone(), Stood::default(), (options, &mut said));
     // Where the simulation is far off whole windows may hide what is missing: pieces of them show it.
@@ -70,7 +87,7 @@ pub fn diagnose(
     if let Some((start, stood)) = from_pieces(experiment, (first, &walk), &closer, &mut said) {
         let again = on_whole_windows(experiment, start, stood, (options, &mut said));
         if walk.predicts_better_than(&again) {
-            said("without pieces recordings kept back are predicted better");
+            said("recordings kept back are predicted better without the pieces");
         } else {
             walk = again;
         }
@@ -80,7 +97,7 @@ pub fn diagnose(
     let mut warnings = warnings(experiment, start.dropped.max(left_out));
     warnings.extend(start.given.is_none().then(|| RUNS_AWAY.to_owned()));
     warnings.extend(found.warnings(experiment, cut_short, &start.context));
-    said("proof");
+    said("free runs of the models on all recordings");
     let mut findings = found.findings(&clean, &start.context, &last, warnings)?;
     findings.warnings.extend(contradicted(&findings.diagnosis.fit));
     findings.diagnosis.seconds = began.elapsed().as_secs_f64();
@@ -153,10 +170,10 @@ fn from_pieces(
     let shown = searched(experiment, &pieces, Stood::default(), |_| false, said);
     let again = anew(&start.base.problem, &shown.found.rig, &start.context.floors);
     if walk.is_borne_out_by(&shown, again.as_ref()) {
-        said("pieces show the same");
+        said("pieces of the recordings show the same");
         return None;
     }
-    said("what was found in pieces, on whole windows");
+    said("what pieces of the recordings show is fitted to the whole recordings");
     if start.base.rig.numerics == numerics {
         start.goes_on_from(&pieces, experiment, said);
     }
@@ -213,7 +230,7 @@ fn searched(
     let is_open = all.added.is_empty() || leaves_slow_noise(&all.found);
     let strict = if is_open { without_slow_noise(&all.base, &all.last, context) } else { None };
     let Some(strict) = strict else { return all };
-    said("what passes for noise is slower than noise: again without");
+    said("what passed for noise is too slow for noise: the search begins again and explains it too");
     let stood = with_slow_noise_as_misfit([each, start.each_alone(&all)].concat(), context);
     let again = forward((&rig, &strict), (None, stood), library, &mut is_vain, context, said);
     unless_out_of_work(again, all)
@@ -248,8 +265,8 @@ mod tests {
         gravity_nm = 0.4\n[[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n\
         [[sensor]]\nmeasures = \"q1\"\ncolumn = \"y\"\nnoise_std = 0.001\n[[recording]]\nfile = \"a.csv\"\nuse = \"fit\"\nwindow_s = 2.0\n";
 
-    #[test]
-    fn a_walk_is_borne_out_by_the_same_effects_that_are_no_better() {
+    /// A pendulum that a constant torque turns, of which the rig knows nothing.
+    fn turned() -> Experiment {
         let times: Vec<f64> = (0..600).map(|k| f64::from(k) * 0.01).collect();
         let inputs = vec![times.iter().map(|t| libm::sin(7.0 * t)).collect()];
         let blank = Recording { window_s: Some(2.0), ..Recording::new("a.csv", times, inputs, Vec::new()) };
@@ -257,7 +274,22 @@ mod tests {
             + "[[effect]]\neffect = \"torque_offset\"\nat = \"q1\"\ntorque = 0.05\n";
         let measured = record(&Rig::parse(&truth, "truth").unwrap(), &blank, &[0.3, 0.0], Some(1)).unwrap().measured;
         let recordings = vec![Recording { measured, ..blank }];
-        let experiment = Experiment { rig: Rig::parse(RIG, "rig.toml").unwrap(), recordings };
+        Experiment { rig: Rig::parse(RIG, "rig.toml").unwrap(), recordings }
+    }
+
+    #[test]
+    fn stages_are_told_for_people_and_the_rest_is_a_detail() {
+        let mut told = Vec::new();
+        Start::of(&turned(), 0, &mut |text| told.push(text.to_owned())).unwrap();
+        let is_detail = |text: &&String| Note { after_s: 0.0, text }.is_detail();
+        let stages: Vec<&String> = told.iter().filter(|text| !is_detail(text)).collect();
+        assert!(stages.iter().any(|text| text.contains("(noise): y ") && text.ends_with(" rad")), "{stages:?}");
+        assert!(stages.iter().all(|text| !text.contains("Colour")) && told.iter().any(|text| text.contains("Colour")));
+    }
+
+    #[test]
+    fn a_walk_is_borne_out_by_the_same_effects_that_are_no_better() {
+        let experiment = turned();
         let start = Start::of(&experiment, 0, &mut |_| {}).unwrap();
         let mut walk = on_whole_windows(&experiment, start, Stood::default(), (Options::default(), &mut |_| {}));
         assert_eq!(walk.found.added[0].candidate.effect, "torque_offset");

@@ -31,7 +31,10 @@ pub(super) fn finished(start: &Start, selection: Selection, least_share: f64, sa
     let Selection { base, found, added, last, .. } = selection;
     let refit = given.map(|given| compare(&base, given, context));
     let refit_needed = refit.is_none_or(|refit| refit_is_needed(refit, base.point.parameters.len(), context));
-    said(&refit.map_or_else(|| RUNS_AWAY.to_owned(), |refit| format!("re-fit gains {:.0}", refit.total)));
+    said(&refit.map_or_else(
+        || RUNS_AWAY.to_owned(),
+        |refit| format!("re-fitting the parameters gains {:.0} (twice the log-likelihood)", refit.total),
+    ));
     let (found, added) = settled_selection(found, added, &last, context, said);
     let kept = Kept::all(found, added).without_undetermined(&base, context);
     let kept = gone_on(start, &base, kept, said);
@@ -39,7 +42,7 @@ pub(super) fn finished(start: &Start, selection: Selection, least_share: f64, sa
     // Before what is left is asked: a name that is refuted does not answer for what it stood for.
     let kept =
         kept.without_refuted(&base, context).exchanged_by_kept_back(&base, &|now| start.library(now), context, said);
-    said(&format!("what is left, {}", effort(&kept.found)));
+    stage("asking what is left, and whether a force without a name explains it", &kept.found, said);
     let strict =
         without_slow_noise(&base, &last, context).or_else(|| as_leader_hears(&base, &kept.added, &last, context));
     let rest = unexplained(&kept.found, strict.as_ref().unwrap_or(&base), context, said);
@@ -74,7 +77,7 @@ fn gone_on(start: &Start, base: &FittedModel, kept: Kept, said: &mut dyn FnMut(&
     if kept.added.is_empty() || kept.seen.is_empty() || is_spent(&kept.found) {
         return kept;
     }
-    said("what was found is not told from nothing, in part: the search goes on from the rest");
+    said("part of what was found is not told from nothing: the search goes on from the rest");
     let is_out = |c: &Candidate| kept.seen.iter().any(|s| (s.effect.as_str(), &s.at) == (c.effect, &c.at));
     let library = |now: &FittedModel| start.library(now).into_iter().filter(|c| !is_out(c)).collect::<Vec<_>>();
     let (found, added) = (kept.found.clone(), kept.added.clone());
@@ -96,19 +99,20 @@ fn settled_selection(
     context: &Context,
     said: &mut dyn FnMut(&str),
 ) -> (FittedModel, Vec<SelectedEffect>) {
-    said(&format!("pairs exchanged, {}", effort(&found)));
+    stage("trying other pairs of effects in the place of those that were found", &found, said);
     let found = exchange_pairs(found, &mut added, last, context, said);
-    said(&format!("each exchanged and left out, {}", effort(&found)));
+    stage("trying each effect's rivals in its place, and the model without it", &found, said);
     let (found, added) = exchange_and_eliminate(found, added, context);
-    said(&format!("last fit, {}", effort(&found)));
+    stage("last fit of what was found", &found, said);
     let found = settled(restart_along_ridges(found, context), context);
-    said(&format!("last fit of the rivals, {}", effort(&found)));
+    stage("last fit of the rivals", &found, said);
     converge_rivals(found, added, context)
 }
 
-/// What the diagnosis has cost so far.
-fn effort(of: &FittedModel) -> String {
-    format!("effort {:.0} M", 1e-6 * of.problem.effort.spent() as f64)
+/// Says that a stage begins, and what the diagnosis has cost so far.
+fn stage(text: &str, of: &FittedModel, said: &mut dyn FnMut(&str)) {
+    said(text);
+    said(&format!("   effort {:.0} M", 1e-6 * of.problem.effort.spent() as f64));
 }
 
 /// `base` with slow noise taken for mismatch, if it or a trial of the last round has any. A slow mismatch with white noise on

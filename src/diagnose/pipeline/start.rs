@@ -27,6 +27,8 @@ use crate::identify::noise::Colour;
 use crate::identify::outliers::drop_spikes;
 use crate::identify::rollout::Pooled;
 use crate::model::rig::{Numerics, Rig};
+use crate::report::interval::with_unit;
+use crate::report::table::number;
 use nalgebra::DMatrix;
 use std::sync::Arc;
 
@@ -49,7 +51,7 @@ pub(super) struct Start {
 impl Start {
     pub(super) fn of(experiment: &Experiment, seed: u64, said: &mut dyn FnMut(&str)) -> Result<Self, DiagnoseError> {
         let (recordings, pooled, floors) = ready(experiment)?;
-        said("base fit");
+        said("fitting the parameters of the simulation");
         let first =
             fitted(&experiment.rig, &recordings, &pooled, &floors).ok_or_else(|| runaway(experiment, &pooled))?;
         Self::after(first, (recordings, pooled, floors), (experiment, seed), said)
@@ -69,7 +71,10 @@ impl Start {
         said: &mut dyn FnMut(&str),
     ) -> Option<Self> {
         let (floors, seed) = (self.context.floors.clone(), self.context.seed);
-        said(&format!("the simulation does not follow: in {} pieces of the windows", closer.problem.windows.len()));
+        said(&format!(
+            "the simulation does not follow whole recordings: {} pieces of them are looked at",
+            closer.problem.windows.len()
+        ));
         let recordings = closer.problem.recordings.to_vec();
         let mut start =
             Self::after(closer.clone(), (recordings, self.pooled.clone(), floors), (experiment, seed), said).ok()?;
@@ -121,10 +126,7 @@ impl Start {
             ledger: Ledger::default(),
             held_out: HeldOut::of(experiment, &base.rig).map(Arc::new),
         };
-        said(&format!("noise {:.3?}", base.noise));
-        for (name, of) in estimates(&base) {
-            said(&format!("   {name} {:.4}", of.value));
-        }
+        tell(&base, said);
         let mut start = Self { pooled, dropped, given, base, context };
         let stepped = || stepped_from_given(&experiment.rig, &start.base, &start.context);
         if let Some(base) = with_likeliest_numerics(&start.base, &start.context).or_else(stepped) {
@@ -219,6 +221,23 @@ impl Start {
         let rig = computing_as(&experiment.rig, &base);
         self.given = as_given(&rig, &base.problem.recordings, &self.pooled, &self.context.floors);
         self.base = base;
+    }
+}
+
+/// Says what the fit of the base came to: the noise that it leaves, and its numbers.
+fn tell(base: &FittedModel, said: &mut dyn FnMut(&str)) {
+    let rig = &base.rig;
+    let weighed =
+        rig.sensors.iter().zip(&base.noise).filter(|(_, colour)| colour.sigma > 0.0 && colour.sigma.is_finite());
+    let noise: Vec<String> = weighed
+        .map(|(sensor, colour)| {
+            format!("{} {}", sensor.column, with_unit(&number(colour.sigma), sensor.unit(rig.mechanism)))
+        })
+        .collect();
+    said(&format!("left from one sample to the next (noise): {}", noise.join(", ")));
+    said(&format!("   {:.3?}", base.noise));
+    for (name, of) in estimates(base) {
+        said(&format!("   {name} {:.4}", of.value));
     }
 }
 

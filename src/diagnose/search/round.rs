@@ -134,14 +134,14 @@ pub fn round(
     let noise = white(&fitted.residuals, &context.floors);
     let Look { thin, ranked, most, samples, costly } = look(base, library, &noise, context);
     if costly > 0 {
-        said(&format!("{costly} starts not tried: too costly to simulate"));
+        said(&format!("   {costly} starts not tried: too costly to simulate"));
     }
     let (few, rule) = thin.as_ref().map_or((base, context), |t| (&t.hypothesis, &t.context));
     if near.is_empty() && earlier.is_empty() && criterion::promises_little(most, context) {
-        said(&format!("no candidate promises more than {most:.1}: too little"));
+        said(&format!("   no candidate promises more than {most:.1}: too little"));
         return Vec::new();
     }
-    said(&format!("screened on {samples} samples"));
+    said(&format!("   screened on {samples} samples"));
     for (c, start, gain) in ranked.iter().take(8) {
         said(&format!("   {:20} {:12} promises {gain:9.1} from {start:.4?}", c.effect, c.at));
     }
@@ -150,7 +150,7 @@ pub fn round(
     let trials = coarse_fits(base, (few, rule), (fits, ranked), &noise, is_curious);
     let mut trials = best_of_each(trials);
     trials = gone_on(base, thin.as_ref(), (trials, near), &noise, context);
-    said(&format!("fitted, effort {:.1} M", 1e-6 * base.problem.effort.spent() as f64));
+    said(&format!("   fitted, effort {:.1} M", 1e-6 * base.problem.effort.spent() as f64));
     let all = trials.into_par_iter();
     // What gains nothing and has states of its own is not worth the look: a spring stiff as a rod is costly to follow.
     let kept = |trial: &CandidateFit| {

@@ -200,6 +200,8 @@ struct Search<'s> {
     /// Gain of what was added.
     explained: f64,
     restarts: usize,
+    /// Rounds of the whole library, for people.
+    rounds: usize,
     last_cost: u64,
     /// What rounds cost that only freed the base from a false minimum, or were made from a second place.
     beside: u64,
@@ -235,6 +237,7 @@ impl<'s> Search<'s> {
             all,
             explained,
             restarts,
+            rounds: 0,
             last_cost,
             beside,
             stood,
@@ -273,6 +276,7 @@ impl<'s> Search<'s> {
                     }
                 }
                 None => {
+                    said("no effect of this round stands the tests");
                     let left_out = left_out.get().and_then(Option::as_ref);
                     if !self.adds_pair(left_out, said) {
                         return self.all;
@@ -299,21 +303,33 @@ impl<'s> Search<'s> {
         }
         let spent = self.spent();
         self.candidates = (self.library)(&self.all.found);
-        said(&format!("{} candidates", self.candidates.len()));
+        self.rounds += 1;
         self.near =
             self.all.added.last().map(|last| runners_up(&self.all.found, last, self.context)).unwrap_or_default();
         let asked = Asked { library: &self.candidates, near: &self.near };
         self.all.last = round(&self.all.found, (&self.all.found, earlier), asked, self.context, &mut *said);
         self.last_cost = self.spent() - spent;
         if let Some(also) = self.also.filter(|_| self.all.added.is_empty()) {
-            said("the same from the numbers as given");
+            said("   the same from the numbers as given");
             let before = self.spent();
             let asked = Asked { library: &(self.library)(also), near: &[] };
             let more = round(also, (&self.all.found, Vec::new()), asked, self.context, &mut *said);
             self.all.last = merged(&self.all.found, std::mem::take(&mut self.all.last), more, self.context);
             self.beside += self.spent() - before;
         }
+        said(&self.told_of_round());
         true
+    }
+
+    /// How the round went, for people.
+    fn told_of_round(&self) -> String {
+        let tried = format!("round {}: {} effects tried", self.rounds, self.candidates.len());
+        match self.all.last.iter().max_by(|a, b| a.gain.total_cmp(&b.gain)) {
+            Some(best) => {
+                format!("{tried}, best {}@{}, gain {:.0}", best.candidate.effect, best.candidate.at, best.gain)
+            }
+            None => format!("{tried}, none promises enough"),
+        }
     }
 
     /// No time for a round of the whole library: the runners-up of the last one are fitted on top of its winner. Of two effects that
@@ -325,7 +341,7 @@ impl<'s> Search<'s> {
         if self.near.is_empty() {
             return false;
         }
-        said("no time for another round: its runners-up beside the winner");
+        said("no time for another round: the runners-up of the last are tried beside its winner");
         self.asked = added;
         let asked = Asked { library: &[], near: &self.near };
         self.all.last = round(&self.all.found, (&self.all.found, Vec::new()), asked, self.context, said);
@@ -460,6 +476,7 @@ impl<'s> Search<'s> {
     /// Adds candidate `i` of the round, and asks those before it again.
     fn add(&mut self, i: usize, said: &mut dyn FnMut(&str)) {
         let best = self.all.last.remove(i);
+        said(&format!("{}@{} is believed and added", best.candidate.effect, best.candidate.at));
         let best = out_of_local_minimum(&self.all.found, best, self.context, said);
         self.explained += best.gain;
         self.all.add(best, self.context);
