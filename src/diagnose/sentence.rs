@@ -156,7 +156,7 @@ pub fn entry(members: &[Member], removed: f64) -> String {
 /// What was seen and is not named: the effect in words, the part of the misfit that it removes, and why it is no answer.
 #[must_use]
 pub fn seen(described: &str, share: f64, why: &str) -> String {
-    format!("Seen, {why}: {described}, {:.0} % of the misfit.", 100.0 * share)
+    say_once(&format!("Also seen, but {why}: {described}. It would account for {:.0} % of the misfit.", 100.0 * share))
 }
 
 /// The sentence of a mismatch for which no effect of determined strength was found.
@@ -271,6 +271,14 @@ mod tests {
         assert!(!sharp.contains("known") && !sharp.contains("reaches"), "{sharp}");
         assert!(of(1e-4, 1e-2).contains("Its gap is known only to a factor of 100."));
         assert!(of(0.0, 2e-3).contains("The interval of its gap reaches 0: it is not told from nothing."));
+    }
+
+    #[test]
+    fn what_was_seen_is_told_in_whole_sentences() {
+        let said = seen("a drive of u that saturates at 3 Nm", 0.3, "refuted by recordings that were not fitted");
+        let whole = "Also seen, but refuted by recordings that were not fitted: a drive of u that saturates at 3 Nm. It would \
+                     account for 30 % of the misfit.";
+        assert_eq!(said, whole);
     }
 
     #[test]

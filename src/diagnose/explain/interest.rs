@@ -46,11 +46,11 @@ pub fn undetermined(added: &[SelectedEffect], seen: &[Seen], least: f64) -> Opti
 
 /// Why an effect that was found is not named.
 const TOO_SMALL: &str = "too small to matter";
-const REACHES_NOTHING: &str = "its 95 % interval reaches nothing";
-const AT_ITS_EDGE: &str = "a number of it ran to the edge of its range";
-const REFUTED: &str = "recordings that were not fitted speak against it";
-const CHANCE: &str = "beside the others it gains no more than chance";
-const WITHIN_ITS_ROW: &str = "commands, readings and forces that go with rates are known to an eighth of a row, touchdowns to some milliseconds, and that explains it";
+const REACHES_NOTHING: &str = "with a 95 % interval that reaches nothing";
+const AT_ITS_EDGE: &str = "with a number that ran to the edge of its range";
+const REFUTED: &str = "refuted by recordings that were not fitted";
+const CHANCE: &str = "with no more gain than chance beside the others";
+const WITHIN_ITS_ROW: &str = "explained as well by commands, readings and forces that go with rates off by an eighth of a row, and touchdowns by some milliseconds";
 
 /// Where nothing was added: the first of the last round, if it gains what would be worth it and instants within their rows explain all
 /// of that (a drive's lag of a tenth of a row).
@@ -372,7 +372,7 @@ mod tests {
     fn a_strength_that_reaches_nothing_is_no_explanation() {
         let kept = without_undetermined(false);
         assert!(kept.added.is_empty());
-        assert!(kept.seen[0].sentence.contains("interval reaches nothing"), "{:?}", kept.seen);
+        assert!(kept.seen[0].sentence.contains("interval that reaches nothing"), "{:?}", kept.seen);
     }
 
     #[test]
@@ -408,7 +408,7 @@ mod tests {
     fn an_effect_that_spoils_what_was_not_fitted_is_not_named_and_one_that_holds_there_is() {
         let refuted = asked_elsewhere("");
         assert!(refuted.added.is_empty());
-        assert!(refuted.seen[0].sentence.contains("speak against it"), "{:?}", refuted.seen);
+        assert!(refuted.seen[0].sentence.contains("refuted by recordings that were not fitted"), "{:?}", refuted.seen);
         assert_eq!(asked_elsewhere(&format!("{DRAG}0.004\n")).added.len(), 1);
     }
 
