@@ -43,7 +43,7 @@ Examples:
   compass run --config /etc/compass --record log       real buses, IMU and dead-man switch are named there
   compass run --watch-socket /run/compass/watch        others of the group may read along (compass watch)
 
-Real buses with the simulated hand or the simulated IMU are refused: motors would run with nobody there.
+Real buses with the simulated operator or the simulated IMU are refused: motors would run with nobody there.
 
 Exit codes: 0 fine (letting the switch go is), 1 a fall, a fault or lost recording, 2 configuration, 3 a device, 70 internal.")]
 pub(crate) struct Args {

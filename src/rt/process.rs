@@ -41,7 +41,9 @@ pub enum ProcessError {
     #[error("cannot start a thread")]
     Thread(#[from] std::io::Error),
     /// Real motors with a hand or an attitude that a program makes up.
-    #[error("the buses are real, and the hand or the IMU is simulated: refused, motors would run with nobody there")]
+    #[error(
+        "the buses are real, and the operator or the IMU is simulated: refused, motors would run with nobody there"
+    )]
     MadeUpSenses,
     /// A thread ended before it was ready.
     #[error("thread {0} failed while starting")]
