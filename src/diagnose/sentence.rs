@@ -24,21 +24,31 @@ fn milli(parameters: &BTreeMap<String, Estimate>, key: &str) -> String {
 /// What the intervals of a member leave open, as sentences: a strength that may be nothing, a number that is known by its order alone.
 fn left_open(member: &Member) -> String {
     let Some(kind) = EffectKind::from_id(&member.effect) else { return String::new() };
-    let one = |key: &Key| {
-        let (estimate, name) = (member.parameters.get(key.name)?, words(key.name));
-        let factor = estimate.high / estimate.low;
-        match key.role {
-            Role::Strength(nothing) if estimate.reaches(nothing) => {
-                Some(format!(" The interval of its {name} reaches {nothing}: it is not told from nothing."))
-            }
-            _ if key.min == 0.0 && estimate.reaches(0.0) => Some(format!(" The interval of its {name} reaches 0.")),
-            _ if estimate.low > 0.0 && factor >= DECADE => {
-                Some(format!(" Its {name} is known only to a factor of {}.", number(factor)))
-            }
-            _ => None,
+    let known = |key: &Key| Some((words(key.name), key.min, key.role, *member.parameters.get(key.name)?));
+    let reaches = |(name, min, role, of): &(String, f64, Role, Estimate)| match role {
+        Role::Strength(nothing) if of.reaches(*nothing) => {
+            Some(format!(" The interval of its {name} reaches {nothing}: it is not told from nothing."))
         }
+        _ => (*min == 0.0 && of.reaches(0.0)).then(|| format!(" The interval of its {name} reaches 0.")),
     };
-    kind.keys().iter().filter_map(one).collect()
+    let keys: Vec<_> = kind.keys().iter().filter_map(known).collect();
+    let wide = keys.iter().filter(|(.., of)| of.low > 0.0 && of.high >= DECADE * of.low);
+    let factors: Vec<String> =
+        wide.map(|(name, .., of)| format!("{} for its {name}", factor(of.high / of.low))).collect();
+    let mut text: String = keys.iter().filter_map(reaches).collect();
+    if !factors.is_empty() {
+        text += &format!(
+            " The ends of the interval differ by a factor of {}: known to its order at best.",
+            factors.join(", of ")
+        );
+    }
+    text
+}
+
+/// A ratio with two digits.
+fn factor(ratio: f64) -> String {
+    let step = libm::pow(10.0, libm::floor(libm::log10(ratio)) - 1.0);
+    number(step * libm::round(ratio / step))
 }
 
 /// Id or key as words.
@@ -269,7 +279,11 @@ mod tests {
         let sharp = of(0.9e-3, 1.1e-3);
         assert!(sharp.contains("play of 0.00100 [95 % interval 0.00090 to 0.00110] rad"), "{sharp}");
         assert!(!sharp.contains("known") && !sharp.contains("reaches"), "{sharp}");
-        assert!(of(1e-4, 1e-2).contains("Its gap is known only to a factor of 100."));
+        assert!(
+            of(1e-4, 1e-2).contains(
+                "The ends of the interval differ by a factor of 100 for its gap: known to its order at best."
+            )
+        );
         assert!(of(0.0, 2e-3).contains("The interval of its gap reaches 0: it is not told from nothing."));
     }
 
