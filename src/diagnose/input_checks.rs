@@ -16,9 +16,29 @@ use crate::report::table::number;
 /// Warnings that go with a base fit: what, where, remedy.
 #[must_use]
 pub fn suspicions(of: &FittedModel, floors: &[f64]) -> Vec<String> {
-    let mut out = unstable(of);
+    let mut out = far_from_zero(of);
+    out.extend(unstable(of));
     out.extend(disagreement(of, floors));
     out
+}
+
+/// A recording that begins later than so many times its own length counts from something else than its start.
+const FAR: f64 = 100.0;
+
+/// One line if times count from a computer's start, or from 1970: what grows with time has grown as long by then.
+fn far_from_zero(of: &FittedModel) -> Vec<String> {
+    let is_far = |recording: &&Recording| match recording.times[..] {
+        [first, .., last] => first > FAR * (last - first),
+        _ => false,
+    };
+    let line = |recording: &Recording| {
+        format!(
+            "{}: its times begin at {} s: drifts and errors of a sensor's clock count from 0 s; subtract the first row's time",
+            recording.name,
+            number(recording.times[0])
+        )
+    };
+    of.problem.recordings.iter().find(is_far).map(line).into_iter().collect()
 }
 
 /// A start that grows by this factor within a window is lost in it.

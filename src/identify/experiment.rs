@@ -346,7 +346,9 @@ impl Recording {
             if starts.last() != Some(&row) && row < rows.end {
                 starts.push(row);
             }
-            k += 1.0;
+            // A gap, or a window shorter than a row, holds no rows: on to the next one that does.
+            let next = times.get(row + 1 - rows.start).map_or(k, |t| ((t - t0) / window_s).floor());
+            k = next.max(k + 1.0);
         }
         // Length of the last piece: to the end of its last row's interval is not known, so to its last row.
         if let [.., _, start] = starts[..]

@@ -246,10 +246,9 @@ impl<S: Scalar> Machine<S> {
             self.step(h);
             self.y.copy_from(&self.end, self.plant.n, self.plant.bristles);
             self.now += h;
-            let signal = |p: &Pickup<S>| {
-                let slope = if p.is_rate { S::zero() } else { p.row.of(&self.y.v) };
-                (p.truth(&self.y.q, &self.y.v), slope)
-            };
+            self.flow_of = FlowOf::Nothing;
+            self.flow_at_start();
+            let signal = |p: &Pickup<S>| (p.truth(&self.y.q, &self.y.v), self.slope(p));
             past.push(Knot { t: self.now, signals: self.pickups.iter().map(signal).collect() });
             done += 1.0;
         }
@@ -419,16 +418,21 @@ impl<S: Scalar> Machine<S> {
         if !self.keeps_history {
             return;
         }
+        self.flow_at_start();
         let signals = self.pickups.iter().zip(&self.lagged).zip(&self.before);
         let signals = signals.map(|((pickup, lagged), truth)| {
             let slope = match pickup.lag {
                 Some(lag) if lag.value() > 0.0 => (*truth - *lagged) / lag,
-                _ if pickup.is_rate => S::zero(),
-                _ => pickup.row.of(&self.y.v),
+                _ => self.slope(pickup),
             };
             (*lagged, slope)
         });
         self.history.push_back(Knot { t: self.now, signals: signals.collect() });
+    }
+
+    /// How fast the true quantity changes; [`Self::flow_at_start`] knows the accelerations.
+    fn slope(&self, pickup: &Pickup<S>) -> S {
+        pickup.row.of(if pickup.is_rate { &self.work.a } else { &self.y.v })
     }
 
     /// Forgets the past before `t_s`; a driver that runs for hours calls it now and then.

@@ -216,6 +216,11 @@ pub struct Numerics {
     pub smooth_rate: Option<f64>,
 }
 
+impl Numerics {
+    /// Steps that a simulation may take, s.
+    pub const EULER_STEP_S: std::ops::RangeInclusive<f64> = 1e-5..=0.1;
+}
+
 impl Rig {
     /// Index of the recording `file`.
     #[must_use]

@@ -116,10 +116,10 @@ fn phase(seen: &View<'_>, recording: &Recording) -> Option<String> {
     if recording.stance.is_empty() {
         return None;
     }
+    let touchdowns: Vec<usize> = recording.touchdowns().collect();
     let landed = |k: usize| {
-        let changes = (1..recording.stance.len()).filter(|r| recording.stance[*r] != recording.stance[*r - 1]);
-        let since = changes.map(|r| recording.times[k] - recording.times[r]).filter(|s| *s >= 0.0);
-        since.fold(f64::INFINITY, f64::min) < AFTER_TOUCHDOWN_S
+        let last = touchdowns[..touchdowns.partition_point(|row| *row <= k)].last();
+        last.is_some_and(|row| recording.times[k] - recording.times[*row] < AFTER_TOUCHDOWN_S)
     };
     if seen.is_told(landed) {
         return Some("touchdown".into());

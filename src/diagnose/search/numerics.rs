@@ -34,7 +34,7 @@ const SMOOTH_RATES: [f64; 6] = [1e-3, 2e-3, 4e-3, 8e-3, 0.016, 0.032];
 #[must_use]
 pub fn with_likeliest_numerics(of: &FittedModel, context: &Context) -> Option<FittedModel> {
     let own = of.rig.numerics;
-    let steps = std::iter::once(None).chain(steps_s(of)?.map(Some));
+    let steps = std::iter::once(None).chain(steps_s(of)?.into_iter().map(Some));
     let stepped = likeliest(of, steps.map(|euler_step_s| Numerics { euler_step_s, ..own }), context);
     let rates = if has_dry_friction(of) { &SMOOTH_RATES[..] } else { &[] };
     let rates = std::iter::once(None).chain(rates.iter().map(|rate| Some(*rate)));
@@ -60,9 +60,10 @@ pub fn stepped_from_given(given: &Rig, base: &FittedModel, context: &Context) ->
 }
 
 /// Steps of a simulator that are tried, s.
-fn steps_s(of: &FittedModel) -> Option<[f64; PER_ROW.len()]> {
+fn steps_s(of: &FittedModel) -> Option<Vec<f64>> {
     let row_s = of.problem.recordings.iter().filter_map(Recording::usual_row_s).min_by(f64::total_cmp)?;
-    Some(PER_ROW.map(|n| row_s / n))
+    let steps = PER_ROW.map(|n| row_s / n).into_iter();
+    Some(steps.filter(|step_s| Numerics::EULER_STEP_S.contains(step_s)).collect())
 }
 
 /// True if `fit` is ahead of `of` by more than chance, and leaves nothing but noise.

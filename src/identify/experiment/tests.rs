@@ -180,3 +180,15 @@ fn what_cannot_be_read_is_told_by_what_it_should_be() {
         assert!(error.contains(told), "{error}");
     }
 }
+
+/// Found by a run that did not end: times in nanoseconds, and a window of one.
+#[test]
+fn windows_far_shorter_than_a_row_cost_no_more_than_the_rows() {
+    let times: Vec<f64> = (0..100).map(|k| f64::from(k) * 1e9).collect();
+    let mut recording = Recording::new("a.csv", times, Vec::new(), Vec::new());
+    recording.window_s = Some(1e-3);
+    assert_eq!(recording.windows().len(), 99, "one row is less than half a window");
+    recording.times = (0..100).map(|k| f64::from(k) * 0.01 + if k < 50 { 0.0 } else { 1e9 }).collect();
+    recording.window_s = Some(0.1);
+    assert!((10..=11).contains(&recording.windows().len()), "the gap holds no window: {:?}", recording.windows());
+}

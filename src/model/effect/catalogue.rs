@@ -44,6 +44,14 @@ pub struct Key {
     pub max: f64,
 }
 
+impl Key {
+    /// True if the effect can have this value. A phase is the same after every turn.
+    #[must_use]
+    pub fn allows(&self, value: f64) -> bool {
+        self.name == "phase" || (self.min..=self.max).contains(&value)
+    }
+}
+
 const fn strength(name: &'static str, unit: &'static str, min: f64, max: f64) -> Key {
     Key { name, unit, role: Role::Strength(0.0), min, max }
 }

@@ -186,7 +186,7 @@ impl<S: Scalar> Machine<S> {
         };
         let resolved = |rate: f64, exact: f64, stable: f64| (exact / rate).max((stable / rate).min(FINE_STEP_S));
         let step = resolved(frequency, phase, STABLE_PHASE).min(resolved(decay, part, STABLE_DECAY));
-        step.clamp(SHORTEST_STEP_S, longest)
+        step.max(SHORTEST_STEP_S).min(longest)
     }
 
     /// Near zero a smooth sign of friction is a damper, wherever the motion starts: the fastest decay, 1/s.

@@ -504,3 +504,35 @@ fn a_foot_that_is_eliminated_moves_as_one_that_is_held_by_forces() {
         assert!(eliminated > 300, "{eliminated}");
     }
 }
+
+/// What a reading says is what the machine did so much earlier, between steps as on them.
+#[test]
+fn a_delayed_rate_is_the_rate_of_then() {
+    let sensors = "[[sensor]]\nmeasures = \"q1_rate\"\ncolumn = \"r\"\n";
+    let late = |delay_s: f64| {
+        let effects = format!("{sensors}{}", effect("sensor_delay", "r", &format!("delay = {delay_s}")));
+        let mut m = machine(&rig(PENDULUM, &effects), None);
+        m.reset(0.0, &[1.0, 0.0]);
+        m.command(0, 0.0, true);
+        m
+    };
+    for delay_s in [0.001, 0.00125, 0.0037] {
+        let (mut delayed, mut own) = (late(delay_s), late(0.0));
+        for k in 10..200 {
+            let t = f64::from(k) * 0.005;
+            own.advance_to(t - delay_s).unwrap();
+            delayed.advance_to(t).unwrap();
+            let error = delayed.read(1) - own.read(1);
+            assert!(error.abs() < 1e-5, "{error} rad/s at {t} s, {delay_s} s late");
+        }
+    }
+}
+
+#[test]
+fn steps_of_a_simulator_may_be_finer_than_our_own() {
+    let numerics = Numerics { euler_step_s: Some(9e-6), smooth_rate: None };
+    let mut m = machine(&Rig { numerics, ..rig(PENDULUM, "") }, None);
+    m.reset(0.0, &[0.1, 0.0]);
+    m.advance_to(0.01).unwrap();
+    assert!(m.coordinate(0).is_finite());
+}

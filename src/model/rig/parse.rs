@@ -69,8 +69,6 @@ impl Rig {
     }
 }
 
-/// Steps that a simulation may take, s.
-const EULER_STEP_S: RangeInclusive<f64> = 1e-5..=0.1;
 /// Rates within which friction may change its sign, rad/s or m/s.
 const SMOOTH_RATE: RangeInclusive<f64> = 1e-5..=1.0;
 
@@ -98,14 +96,19 @@ impl Reader<'_> {
             let sensor = self.sensor(table, mechanism);
             rig.sensors.extend(sensor);
         }
+        let mut spans = Vec::new();
         for table in self.tables(&mut fields, "effect", "[[effect]]") {
-            let effect = self.effect(table, &rig, true);
-            rig.effects.extend(effect);
+            let span = table.span.clone();
+            if let Some(effect) = self.effect(table, &rig, true) {
+                rig.effects.push(effect);
+                spans.push(span);
+            }
         }
         for table in self.distinct(&mut fields, "recording", "[[recording]]", "file") {
             let entry = self.recording(table, &rig);
             rig.recordings.extend(entry);
         }
+        self.recordings_exist(&rig, &spans);
         self.finish(fields, "schema, name, mechanism, numerics, parameters, actuator, sensor, effect, recording");
         Some(rig)
     }
@@ -132,7 +135,7 @@ impl Reader<'_> {
         let Some(item) = fields.take("numerics") else { return Numerics::default() };
         let Some(mut fields) = self.table(item, "numerics", "[numerics]") else { return Numerics::default() };
         let numerics = Numerics {
-            euler_step_s: self.within(&mut fields, "euler_step_s", EULER_STEP_S),
+            euler_step_s: self.within(&mut fields, "euler_step_s", Numerics::EULER_STEP_S),
             smooth_rate: self.within(&mut fields, "smooth_rate", SMOOTH_RATE),
         };
         self.finish(fields, "euler_step_s, smooth_rate");

@@ -55,6 +55,28 @@ fn written_rig_parses_to_the_same_rig() {
 }
 
 #[test]
+fn an_effect_of_no_recording_and_values_that_cannot_be_are_refused() {
+    let told = |from: &str, to: &str| Rig::parse(&FULL.replacen(from, to, 1), "rig.toml").unwrap_err().to_string();
+    let unknown = told("recordings = [\"a.csv\"]", "recordings = [\"c.csv\"]");
+    assert!(unknown.contains("`c.csv` is not one of a.csv, b.csv"), "{unknown}");
+    for (effect, key) in [
+        ("effect = \"transport_delay\"\nat = \"u_v\"\ndelay = -0.01", "delay"),
+        ("effect = \"backlash\"\nat = \"q1\"\ngap = -0.1\nrotor_inertia = 0.001", "gap"),
+        ("effect = \"torque_limit\"\nat = \"u_v\"\nlimit = -1.0", "limit"),
+        (
+            "effect = \"link_flexibility\"\nat = \"q1\"\nfrequency = 0.0\ndamping = 0.1\nparticipation = 0.2",
+            "frequency",
+        ),
+        ("effect = \"clock_skew\"\nat = \"q_rad\"\nskew = -1.0", "skew"),
+    ] {
+        let told = told("[[effect]]", &format!("[[effect]]\n{effect}\n[[effect]]"));
+        assert!(told.contains(key) && told.contains("is not within"), "{told}");
+    }
+    let phase = FULL.replacen("phase = { value = 0.1 }", "phase = { value = 9.0 }", 1);
+    assert!(Rig::parse(&phase, "rig.toml").is_ok(), "a phase has no ends");
+}
+
+#[test]
 fn numerics_of_a_simulation_are_read_written_and_have_a_range() {
     let with = |step: &str| {
         let numerics = format!("[numerics]\neuler_step_s = {step}\nsmooth_rate = 0.01\n[parameters]");

@@ -41,9 +41,27 @@ impl Reader<'_> {
         let keys: Vec<&str> = kind.keys().iter().map(|key| key.name).collect();
         self.finish(fields, &format!("effect, at, {}, side (friction), setup, recordings", keys.join(", ")));
         let values = values.into_iter().collect::<Option<Vec<Value>>>()?;
+        for (key, value) in kind.keys().iter().zip(&values).filter(|(key, value)| !key.allows(value.value)) {
+            let text = format!("{} is not within {} to {} {}", value.value, key.min, key.max, key.unit);
+            self.complain(&id_span, key.name, text);
+        }
         let effect = Effect { kind, at: at?.0, values, side, setup, recordings };
         self.lighter_than_the_whole(rig, &effect, &id_span);
         Some(effect)
+    }
+
+    /// The recordings that an effect names must be of this file, if it names any.
+    pub(super) fn recordings_exist(&mut self, rig: &Rig, spans: &[Range<usize>]) {
+        // What is wrong with a recording is told already.
+        if rig.recordings.is_empty() || !self.errors.is_empty() {
+            return;
+        }
+        let known: Vec<&str> = rig.recordings.iter().map(|entry| entry.file.as_str()).collect();
+        for (effect, span) in rig.effects.iter().zip(spans) {
+            for name in effect.recordings.iter().filter(|name| !known.contains(&name.as_str())) {
+                self.complain(span, "recordings", format!("`{name}` is not one of {}", known.join(", ")));
+            }
+        }
     }
 
     /// A rotor is a part of the inertia of a pendulum or slider.
