@@ -28,8 +28,11 @@ const MAGIC: &[u8; 8] = b"COMPASS1";
 const GREETING_HEAD: usize = 20;
 /// Message up to its bytes.
 const MESSAGE_HEAD: usize = 13;
-/// No configuration and no tick is longer; whoever says so speaks another language.
-const LONGEST: usize = 1 << 20;
+/// Longest tick, bytes: some 4 kB, and what stands beside it. Whoever says more speaks another language.
+const LONGEST_TICK: usize = 1 << 20;
+/// Longest configuration, bytes. It holds the text of the LQR-tree: 40 000 nodes, the most that `plan tree` takes, of at
+/// most 22 numbers of 15 characters are 13.2 MB.
+const LONGEST_CONFIG: usize = 16 << 20;
 
 /// The hash of what a tick is made of in this build.
 fn shape_hash() -> u64 {
@@ -99,9 +102,8 @@ impl Parser {
         }
         let Some(head) = self.waiting.get(..GREETING_HEAD) else { return Ok(None) };
         let shape_hash = u64::from_le_bytes(bytes::padded(&head[8..16]));
-        let Some(text) = self.cut(GREETING_HEAD, u32::from_le_bytes(bytes::padded(&head[16..])))? else {
-            return Ok(None);
-        };
+        let length = u32::from_le_bytes(bytes::padded(&head[16..]));
+        let Some(text) = self.cut(GREETING_HEAD, length, LONGEST_CONFIG)? else { return Ok(None) };
         let config_text = String::from_utf8(text).map_err(|_| Foreign)?;
         self.greeted = true;
         Ok(Some(Block::Greeting(Greeting { shape_hash, config_text })))
@@ -109,12 +111,12 @@ impl Parser {
 
     fn take_tick(&mut self) -> Result<Option<Block>, Foreign> {
         let Some(head) = self.waiting.get(..4) else { return Ok(None) };
-        Ok(self.cut(4, u32::from_le_bytes(bytes::padded(head)))?.map(Block::Tick))
+        Ok(self.cut(4, u32::from_le_bytes(bytes::padded(head)), LONGEST_TICK)?.map(Block::Tick))
     }
 
-    /// Takes a block of this length, and the head before it.
-    fn cut(&mut self, head: usize, length: u32) -> Result<Option<Vec<u8>>, Foreign> {
-        let length = usize::try_from(length).ok().filter(|length| *length <= LONGEST).ok_or(Foreign)?;
+    /// Takes a block of this length, and the head before it. Foreign if it is longer than `longest`.
+    fn cut(&mut self, head: usize, length: u32, longest: usize) -> Result<Option<Vec<u8>>, Foreign> {
+        let length = usize::try_from(length).ok().filter(|length| *length <= longest).ok_or(Foreign)?;
         if self.waiting.len() < head + length {
             return Ok(None);
         }

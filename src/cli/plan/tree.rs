@@ -2,7 +2,7 @@
 
 use super::super::config_args::ConfigArgs;
 use super::super::output::spare_inputs;
-use super::super::{Outcome, UsageError, progress, seed};
+use super::super::{Outcome, UsageError, from_one, progress, seed};
 use crate::design::tree::coverage::{Coverage, check};
 use crate::design::tree::grow::Grower;
 use crate::design::tree::{Terms, journal};
@@ -28,7 +28,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 1, value_parser = seed)]
     seed: u64,
     /// The tree is full with so many nodes: uncovered samples are counted, but not planned for
-    #[arg(long, value_name = "N", default_value_t = 6000)]
+    #[arg(long, value_name = "N", default_value_t = 6000, value_parser = from_one::<usize>(MOST_NODES))]
     nodes: usize,
     /// Fresh states to check the tree with afterwards
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -43,6 +43,8 @@ pub(super) struct Args {
     config: ConfigArgs,
 }
 
+/// Most nodes of a tree: a look-up takes some 0.1 ms then, and the text still fits into what `watch --socket` reads.
+const MOST_NODES: u32 = 40_000;
 /// The file is written this often.
 const EVERY: Duration = Duration::from_secs(10);
 /// The check's states are of another seed: this far from the growth's.

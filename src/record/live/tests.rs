@@ -69,6 +69,23 @@ fn whoever_connects_learns_the_configuration_and_sees_every_tick_to_the_bit() {
 }
 
 #[test]
+fn a_configuration_with_a_large_tree_is_read_and_one_that_no_reader_takes_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("watch");
+    // 1.5 MB: a tree of 5940 nodes.
+    let text = "a".repeat(1_511_821);
+    let mut window = Window::open(&path, &text).unwrap();
+    let (mut reader, next) = connected(&path, &mut window, 0);
+    assert!(reader.config_text() == text);
+    window.serve(&tick(next));
+    assert!(numbers(&mut reader).ends_with(&[next]), "ticks follow it");
+    drop(window);
+    let error = Window::open(&path, &"a".repeat(LONGEST_CONFIG + 1)).unwrap_err();
+    assert!(error.to_string().contains("LQR-tree"), "{error}");
+    assert!(!path.exists());
+}
+
+#[test]
 fn what_stands_beside_the_ticks_comes_with_the_next_one() {
     let (_folder, path, mut window) = window();
     let pose = |frame: u32| MocapSample { stamp: Stamp(i64::from(frame)), frame, ..MocapSample::default() };

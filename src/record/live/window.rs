@@ -2,7 +2,7 @@
 
 use super::super::cdr::encode;
 use super::super::stream::{Stream, explode};
-use super::{Greeting, length, put_message, shape_hash};
+use super::{Greeting, LONGEST_CONFIG, length, put_message, shape_hash};
 use crate::base::time::Stamp;
 use crate::channel::socket_file;
 use crate::msg::{Element, TickRecord};
@@ -42,8 +42,16 @@ impl Window {
     /// Makes the socket, for user and group; one that a dead process left behind is replaced, anything else is not.
     ///
     /// # Errors
-    /// When the path cannot be bound, holds something else than a socket, or somebody listens there.
+    /// When the path cannot be bound, holds something else than a socket, or somebody listens there; when the
+    /// configuration is longer than any reader takes.
     pub fn open(path: &Path, config_text: &str) -> io::Result<Self> {
+        if config_text.len() > LONGEST_CONFIG {
+            let what = format!(
+                "the configuration has {} bytes, its LQR-tree included; those who watch take {LONGEST_CONFIG} at most",
+                config_text.len()
+            );
+            return Err(io::Error::new(ErrorKind::InvalidInput, what));
+        }
         socket_file::clear_the_way(path, |path| Ok(UnixStream::connect(path).is_ok()))?;
         let listener = UnixListener::bind(path)?;
         socket_file::open_to_the_group(path)?;
