@@ -4,10 +4,11 @@ use super::config_args::ConfigArgs;
 use super::output::{must_be_folder, spare_inputs};
 use super::{MOST_JOBS, Outcome, Run, UsageError, from_one, progress};
 use crate::experiment::campaign::{Base, Campaign, CampaignError, Effort, Progress};
-use crate::experiment::ledger::{Ledger, write_whole};
+use crate::experiment::ledger::{Ledger, LedgerError, write_whole};
 use crate::experiment::plan::{self, Plan};
 use crate::experiment::results::Results;
 use crate::experiment::{draw, trial_run::Ended};
+use crate::record::log_file::binary_hash;
 use crate::report::page;
 use crate::report::plot::{Plot, sheet};
 use anyhow::Context;
@@ -69,7 +70,7 @@ impl Run for Args {
             overrides: self.config.settings(),
         };
         let campaign = Campaign::new(plan, base);
-        let mut ledger = Ledger::open(&self.out).with_context(|| self.out.display().to_string())?;
+        let mut ledger = self.ledger()?;
         if !self.merge {
             self.go(&campaign, &mut ledger)?;
         }
@@ -78,6 +79,14 @@ impl Run for Args {
 }
 
 impl Args {
+    /// What the folder holds at this moment.
+    fn ledger(&self) -> anyhow::Result<Ledger> {
+        Ledger::open(&self.out, binary_hash()).map_err(|error| match error {
+            LedgerError::Disk(cause) => anyhow::Error::from(cause).context(self.out.display().to_string()),
+            other @ LedgerError::OtherBuild { .. } => UsageError(format!("--out: {other}")).into(),
+        })
+    }
+
     fn go(&self, campaign: &Campaign, ledger: &mut Ledger) -> anyhow::Result<()> {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let effort = Effort { jobs: self.jobs.unwrap_or(cores), shard: self.shard.unwrap_or([1, 1]) };

@@ -6,6 +6,7 @@ use crate::config::checked::Config;
 use crate::config::{self, Resolved};
 use crate::control::Controller;
 use crate::msg::TickRecord;
+use crate::record::log_file::binary_hash;
 use crate::record::replay::{Comparison, Replay, first_difference, from_estimates};
 use crate::record::scan::Ending;
 use crate::record::{ReadError, Reader};
@@ -75,9 +76,8 @@ impl Args {
         if about.program("config_sha256") != Some(recorded.hash.as_str()) {
             tell("the recorded configuration does not have the recorded hash: the file is damaged")?;
         }
-        if about.program("version") != Some(env!("CARGO_PKG_VERSION")) {
-            let theirs = about.program("version").unwrap_or("unknown");
-            tell(&format!("recorded by version {theirs}, replayed by {}", env!("CARGO_PKG_VERSION")))?;
+        if let Some(line) = other_build(about.program("version"), about.program("binary_sha256"), binary_hash()) {
+            tell(&line)?;
         }
         Ok(config::from_canonical(text, &self.overrides)?)
     }
@@ -89,6 +89,15 @@ impl Args {
         let mut tick = Tick::new(config)?;
         Ok(Box::new(move |recorded, replayed| tick.step(&recorded.input, replayed)))
     }
+}
+
+/// What to say where another build recorded: a difference may be its doing. The version alone does not tell builds apart.
+fn other_build(version: Option<&str>, theirs: Option<&str>, ours: &str) -> Option<String> {
+    let [version, theirs] = [version, theirs].map(|word| word.unwrap_or("unknown"));
+    let here = env!("CARGO_PKG_VERSION");
+    (theirs != ours).then(|| {
+        format!("recorded by another build: version {version}, sha256 {theirs}; replayed by {here}, sha256 {ours}")
+    })
 }
 
 fn tell(line: &str) -> io::Result<()> {

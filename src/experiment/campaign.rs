@@ -6,6 +6,7 @@ use super::ledger::{Ledger, RunId};
 use super::plan::{Plan, RunPlan};
 use super::trial_run::{self, Place, RunRecord};
 use crate::config::{self, Choice, Errors, Problem, Resolved, Setting, fault};
+use crate::record::log_file::binary_hash;
 use crate::sim::lockstep::LockstepError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -122,7 +123,7 @@ impl Campaign {
             };
             match config::load_choice(choice) {
                 Ok(resolved) => {
-                    let id = RunId::new(&resolved.hash, &self.plan.stop);
+                    let id = RunId::new(&resolved.hash, &self.plan.stop, binary_hash());
                     let set = set.into_iter().map(|setting| setting.text).collect();
                     let place = Place { index: run.index, axes: run.axes.clone(), seed: run.seed, redraws, set };
                     return Ok(Ready { resolved, place, id });
@@ -305,7 +306,7 @@ mod tests {
         let base = Base { overrides: vec![Setting::of_option("--set", "rt.core=-1")], ..Base::default() };
         let campaign = Campaign::new(Plan::parse("ex.toml", text).unwrap(), base);
         let folder = tempfile::tempdir().unwrap();
-        let ledger = Ledger::open(folder.path()).unwrap();
+        let ledger = Ledger::open(folder.path(), binary_hash()).unwrap();
         let error = campaign.open(&ledger, [1, 1]).unwrap_err().to_string();
         assert!(error.contains("4 errors"), "{error}");
         for told in [
@@ -324,7 +325,8 @@ mod tests {
             robot.drives.inner_toe_a.node = [4, 1]\n[stop]\ntime_s = 1.0\n";
         let campaign = Campaign::new(Plan::parse("ex.toml", text).unwrap(), Base::default());
         let folder = tempfile::tempdir().unwrap();
-        let error = campaign.open(&Ledger::open(folder.path()).unwrap(), [1, 1]).unwrap_err().to_string();
+        let error =
+            campaign.open(&Ledger::open(folder.path(), binary_hash()).unwrap(), [1, 1]).unwrap_err().to_string();
         assert!(error.contains("robot.drives.inner_toe_a.node=1, robot.limits.overruns_per_s=10)"), "{error}");
     }
 }

@@ -2,6 +2,7 @@
 
 use super::statistics::{first_passage, wilson};
 use super::trial_run::{Ended, RunRecord};
+use crate::record::log_file::binary_hash;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -19,6 +20,8 @@ pub struct Results {
     pub file_sha256: String,
     /// Version of the program.
     pub version: String,
+    /// SHA-256 of its executable.
+    pub binary_sha256: String,
     /// Runs that the plan asks for; fewer in `runs` = some are still to do.
     pub planned: usize,
     /// All runs, in the plan's order.
@@ -88,6 +91,7 @@ impl Results {
             about: about.to_owned(),
             file_sha256: file_sha256.to_owned(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
+            binary_sha256: binary_hash().to_owned(),
             planned,
             groups: groups.iter().map(|runs| group(runs)).collect(),
             runs,

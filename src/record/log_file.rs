@@ -15,8 +15,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
 use std::io::Write as _;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Name of the attachment with the resolved configuration.
@@ -41,16 +41,25 @@ impl Identity {
     /// Of this process with this configuration.
     #[must_use]
     pub fn new(resolved: &Resolved) -> Self {
-        Self { config_text: resolved.text.clone(), config_hash: resolved.hash.clone(), binary_hash: binary_hash() }
+        Self {
+            config_text: resolved.text.clone(),
+            config_hash: resolved.hash.clone(),
+            binary_hash: binary_hash().to_owned(),
+        }
     }
 }
 
 /// SHA-256 of the running executable: the version number alone does not tell two builds apart.
-fn binary_hash() -> String {
-    let Ok(bytes) = std::env::current_exe().and_then(fs::read) else { return "unknown".into() };
-    let mut hex = String::new();
-    Sha256::digest(bytes).iter().for_each(|byte| write!(hex, "{byte:02x}").unwrap_or_default());
-    hex
+#[must_use]
+pub fn binary_hash() -> &'static str {
+    static HASH: OnceLock<String> = OnceLock::new();
+    HASH.get_or_init(|| {
+        // Not by its path: a newer build may stand there by now.
+        let Ok(bytes) = fs::read("/proc/self/exe") else { return "unknown".into() };
+        let mut hex = String::new();
+        Sha256::digest(bytes).iter().for_each(|byte| write!(hex, "{byte:02x}").unwrap_or_default());
+        hex
+    })
 }
 
 /// An open file.

@@ -102,3 +102,11 @@ fn a_file_that_is_cut_or_has_a_flipped_bit_is_never_called_alike() {
         assert!(!matches!(outcome, Ok(Outcome::Fine)), "one bit flipped at {at} of {}", whole.len());
     }
 }
+
+#[test]
+fn another_build_of_the_same_version_is_told() {
+    let version = Some(env!("CARGO_PKG_VERSION"));
+    assert_eq!(other_build(version, Some("aa"), "aa"), None);
+    let line = other_build(version, Some("bb"), "aa").unwrap();
+    assert!(line.contains("sha256 bb") && line.contains("sha256 aa"), "{line}");
+}
