@@ -159,9 +159,9 @@ struct TermArgs {
     /// Travel of the swing leg's toe, mm; left out: all the way in (robot.toe.extended_m)
     #[arg(long, value_name = "MM")]
     retract_mm: Option<f64>,
-    /// Acceleration of the toe, m/s²
-    #[arg(long, value_name = "M_S2", default_value_t = 5.0)]
-    toe_acceleration: f64,
+    /// Acceleration of the toe, m/s²; left out: the robot's (robot.toe.acceleration_limit_m_s2)
+    #[arg(long, value_name = "M_S2")]
+    toe_acceleration: Option<f64>,
     /// Slowest fall of the swing toe at touchdown, m/s: what makes a plan robust to the floor's height
     #[arg(long, value_name = "M_S", default_value_t = 0.15)]
     descent: f64,
@@ -275,6 +275,7 @@ impl TermArgs {
     fn terms(&self, config: &Config) -> Result<Terms, UsageError> {
         let toe = &config.robot.toe;
         let retract_m = self.retract_mm.map_or(toe.extended_m, |mm| mm / 1000.0);
+        let acceleration_m_s2 = self.toe_acceleration.unwrap_or(toe.acceleration_limit_m_s2);
         let height_m = self.clearance_mm / 1000.0;
         if height_m > 0.0 && height_m >= retract_m {
             return Err(UsageError(format!(
@@ -288,11 +289,11 @@ impl TermArgs {
             height_m,
             retract_m,
             rate_m_s: toe.rate_limit_m_s,
-            acceleration_m_s2: self.toe_acceleration,
+            acceleration_m_s2,
             until_s: 0.1,
             begun_s: 0.0,
         });
-        let numbers = [self.friction, self.toe_acceleration];
+        let numbers = [self.friction, acceleration_m_s2];
         let bad = |x: f64| !x.is_finite() || x < 0.0;
         if numbers.iter().any(|x| bad(*x) || *x <= 0.0) || bad(self.descent) {
             return Err(UsageError(
@@ -379,4 +380,33 @@ fn tell(out: &mut impl Write, problem: &Problem, solution: &Solution) -> io::Res
         "cost {:.6}, optimality error {:.0e}, defect after re-integration {defect:.0e}",
         solution.cost, solution.error
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        terms: TermArgs,
+    }
+
+    fn toe(more: &[&str]) -> Clearance {
+        let line = [&["test", "--out", "no.plan"], more].concat();
+        let terms = Line::parse_from(line).terms;
+        terms.terms(&terms.load(&[]).unwrap()).unwrap().limits.clearance.unwrap()
+    }
+
+    #[test]
+    fn a_plan_takes_the_toe_that_the_robot_has() {
+        let robots = toe(&[]);
+        assert_eq!((robots.retract_m, robots.rate_m_s, robots.acceleration_m_s2), (0.03, 0.25, 5.0));
+        let slow = ["--set", "robot.toe.acceleration_limit_m_s2=2.0", "--set", "robot.toe.rate_limit_m_s=0.3"];
+        let slower = toe(&slow);
+        assert_eq!((slower.rate_m_s, slower.acceleration_m_s2), (0.3, 2.0));
+        let told = toe(&[&slow[..], &["--toe-acceleration", "3"]].concat());
+        assert_eq!((told.rate_m_s, told.acceleration_m_s2), (0.3, 3.0));
+    }
 }

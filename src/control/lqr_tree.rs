@@ -16,6 +16,7 @@ use super::friction::Compensation;
 use super::motor_sign;
 use super::planned::state_of;
 use super::stance_toe::{StanceToe, by_stance, in_order};
+use super::tables::PlanError;
 use super::tree::Tree;
 use super::tree::cone::bearable;
 use super::tree::file::TreeFile;
@@ -56,8 +57,14 @@ impl LqrTree {
         let control = &config.control;
         let Plan { name, text } = &control.tree;
         let params = config.robot.model.params();
-        let file =
-            TreeFile::parse(name, text, &params).map_err(|cause| ControllerError::Tree { cause: cause.to_string() })?;
+        let refused = |cause: PlanError| ControllerError::Tree { cause: cause.to_string() };
+        let file = TreeFile::parse(name, text, &params).map_err(refused)?;
+        let (toe, recovery) = (&config.robot.toe, &control.recovery);
+        // The toe decides when a swing foot clears the floor. Nothing is asked of a tree that is not followed.
+        if recovery.tube_share > 0.0 || !recovery.catch {
+            let toe = [toe.extended_m, toe.rate_limit_m_s, toe.acceleration_limit_m_s2];
+            file.check_toe(name, toe).map_err(refused)?;
+        }
         Ok(Self {
             tree: Tree::new(&file),
             follower: Follower::default(),

@@ -372,6 +372,18 @@ fn step_that_catches_goes_where_the_robot_falls_and_says_that_it_is_not_the_tree
 }
 
 #[test]
+fn a_tree_of_other_toes_is_refused_where_it_is_followed() {
+    let made = |share: &str| {
+        let share = format!("control.recovery.tube_share={share}");
+        let keys = ["control.controller=lqr_tree", "robot.toe.acceleration_limit_m_s2=2.0", &share];
+        Controller::new(&config(&keys))
+    };
+    let error = made("1.0").unwrap_err().to_string();
+    assert!(error.contains("acceleration_m_s2 = 5.0, here 2.0"), "{error}");
+    assert!(made("0.0").is_ok(), "a step catches, without the tree");
+}
+
+#[test]
 fn tube_is_taken_at_the_share_of_its_level_that_is_asked_for() {
     // A planned state of the tree, and one beside it.
     let tree = |c: &Config| {

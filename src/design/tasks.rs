@@ -46,6 +46,14 @@ impl Clearance {
         Self { height_m: 0.02, retract_m: 0.03, rate_m_s: 0.25, acceleration_m_s2: 5.0, until_s: 0.1, begun_s: 0.0 };
 }
 
+impl Clearance {
+    /// The same with a toe of this travel, speed and acceleration.
+    #[must_use]
+    pub const fn with_toe(self, retract_m: f64, rate_m_s: f64, acceleration_m_s2: f64) -> Self {
+        Self { retract_m, rate_m_s, acceleration_m_s2, ..self }
+    }
+}
+
 impl Terms {
     /// Reference conditions of the model notes: [`Limits::PLAIN`], `∫ τ²`, for transfers `∫ τ² + 0.2`.
     #[must_use]

@@ -3,6 +3,7 @@
 use super::super::config_args::ConfigArgs;
 use super::super::output::spare_inputs;
 use super::super::{Outcome, UsageError, from_one, progress, seed};
+use crate::config::checked::Config;
 use crate::design::tree::coverage::{Coverage, check};
 use crate::design::tree::grow::Grower;
 use crate::design::tree::{Terms, journal};
@@ -60,14 +61,7 @@ impl Args {
         // The tree itself is gone on with.
         spare_inputs("--out", [&self.out], &self.config.files())?;
         let config = self.config.load()?.config;
-        let terms = Terms {
-            hip_torque_nm: config.robot.limits.hip_torque_nm,
-            compensation: config.control.friction_compensation,
-            friction: self.friction,
-            most_nodes: self.nodes,
-            seed: self.seed,
-            ..Terms::notes(config.robot.model.params())
-        };
+        let terms = self.terms(&config);
         let command: Vec<String> = std::env::args().skip(1).collect();
         let mut grower = journal::open(&self.out, &terms, &format!("compass {}", command.join(" ")))?;
         let (before, begin) = (grower.file().counts.samples, Instant::now());
@@ -83,6 +77,20 @@ impl Args {
         }
         writeln!(out, "{}", self.out.display())?;
         Ok(Outcome::Fine)
+    }
+
+    fn terms(&self, config: &Config) -> Terms {
+        let notes = Terms::notes(config.robot.model.params());
+        let toe = &config.robot.toe;
+        Terms {
+            hip_torque_nm: config.robot.limits.hip_torque_nm,
+            compensation: config.control.friction_compensation,
+            friction: self.friction,
+            toe: notes.toe.with_toe(toe.extended_m, toe.rate_limit_m_s, toe.acceleration_limit_m_s2),
+            most_nodes: self.nodes,
+            seed: self.seed,
+            ..notes
+        }
     }
 
     fn grow(&self, grower: &mut Grower) -> Result<(), journal::JournalError> {
@@ -130,4 +138,36 @@ fn tell_coverage(out: &mut impl Write, c: &Coverage, patience: Duration, took: D
     writeln!(out, "lost         {:>8}  proven, or no state of the robot", c.lost)?;
     writeln!(out, "open         {:>8}  no way found, none excluded", c.open)?;
     writeln!(out, "coverage     {:>8.1} %  in {:.1} s", 100.0 * c.share(), took.as_secs_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        tree: Args,
+    }
+
+    fn terms(more: &[&str]) -> Terms {
+        let args = Line::parse_from([&["test", "--out", "no.tree"], more].concat()).tree;
+        args.terms(&args.config.load().unwrap().config)
+    }
+
+    #[test]
+    fn a_tree_is_grown_for_the_toe_that_the_robot_has_and_its_terms_tell() {
+        let built_in = include_str!("../../../config/plans/recovery.tree");
+        let ours = terms(&[]).text();
+        assert!(built_in.contains(&format!("\"terms\":\"{ours}\"")), "the tree in the program is gone on with: {ours}");
+        for (key, told) in [
+            ("robot.toe.acceleration_limit_m_s2=2.0", "acceleration_m_s2: 2.0"),
+            ("robot.toe.rate_limit_m_s=0.3", "rate_m_s: 0.3,"),
+            ("robot.toe.extended_m=0.025", "retract_m: 0.025"),
+        ] {
+            let other = terms(&["--set", key]).text();
+            assert!(other.contains(told) && other != ours, "{other}");
+        }
+    }
 }

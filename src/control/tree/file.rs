@@ -129,6 +129,22 @@ impl TreeFile {
         Ok(tree)
     }
 
+    /// Holds only for the toes that it was grown for: travel (m), speed (m/s), acceleration (m/s²).
+    ///
+    /// # Errors
+    /// [`PlanError`]: its terms tell of other ones.
+    pub fn check_toe(&self, file: &str, toe: [f64; 3]) -> Result<(), PlanError> {
+        for (name, ours) in ["retract_m", "rate_m_s", "acceleration_m_s2"].into_iter().zip(toe) {
+            let told = self.terms.split_once(&format!("{name}: ")).and_then(|(_, rest)| rest.split([',', ' ']).next());
+            // As it was written, so it compares to the bit.
+            if let Some(theirs) = told.filter(|theirs| *theirs != format!("{ours:?}")) {
+                let cause = format!("grown for other toes: {name} = {theirs}, here {ours:?}");
+                return Err(PlanError::Format { file: file.to_owned(), form: "tree", cause });
+            }
+        }
+        Ok(())
+    }
+
     fn is_sound(&self, k: usize) -> bool {
         let Some(row) = self.branches.get(k) else { return false };
         let link = |link: &Link| {
