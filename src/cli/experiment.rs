@@ -30,7 +30,7 @@ Examples:
   compass experiment config/experiments/rough.toml --out out/rough --merge                   what all shards have so far
 
 Columns and page are explained in docs/experiments.md.
-Exit codes: 0 every run completed, 1 some did not, 2 usage or configuration, 3 a file.")]
+Exit codes: 0 every run (of the shard, with --shard) completed, 1 some did not, 2 usage or configuration, 3 a file.")]
 pub(crate) struct Args {
     /// The experiment
     file: PathBuf,
@@ -70,11 +70,11 @@ impl Run for Args {
             overrides: self.config.settings(),
         };
         let campaign = Campaign::new(plan, base);
-        let mut ledger = self.ledger()?;
+        let ledger = self.ledger()?;
         if !self.merge {
-            self.go(&campaign, &mut ledger)?;
+            self.go(&campaign, ledger)?;
         }
-        self.write(&campaign, &ledger, &text)
+        self.write(&campaign, &text)
     }
 }
 
@@ -87,13 +87,18 @@ impl Args {
         })
     }
 
-    fn go(&self, campaign: &Campaign, ledger: &mut Ledger) -> anyhow::Result<()> {
+    /// All runs are the one shard of one.
+    fn shard(&self) -> [usize; 2] {
+        self.shard.unwrap_or([1, 1])
+    }
+
+    fn go(&self, campaign: &Campaign, mut ledger: Ledger) -> anyhow::Result<()> {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let effort = Effort { jobs: self.jobs.unwrap_or(cores), shard: self.shard.unwrap_or([1, 1]) };
-        let open = campaign.open(ledger, effort.shard).map_err(usage)?;
+        let effort = Effort { jobs: self.jobs.unwrap_or(cores), shard: self.shard() };
+        let open = campaign.open(&ledger, effort.shard).map_err(usage)?;
         let bar = progress::bar(1000 * open as u64, "running");
         let (mut ended, mut completed) = (0_usize, 0_usize);
-        let done = campaign.go(ledger, effort, |what| match what {
+        let done = campaign.go(&mut ledger, effort, |what| match what {
             Progress::Part(part) => bar.inc(part),
             Progress::Ended(end) => {
                 ended += 1;
@@ -105,8 +110,9 @@ impl Args {
         done.map(drop).map_err(usage)
     }
 
-    fn write(&self, campaign: &Campaign, ledger: &Ledger, text: &str) -> anyhow::Result<Outcome> {
-        let records = campaign.records(ledger).map_err(usage)?;
+    fn write(&self, campaign: &Campaign, text: &str) -> anyhow::Result<Outcome> {
+        // Read anew: other shards have gone on in the same folder meanwhile.
+        let records = campaign.records(&self.ledger()?).map_err(usage)?;
         if records.is_empty() && self.merge {
             let text =
                 format!("--merge: {}: holds no record of this experiment's runs; run it first", self.out.display());
@@ -134,7 +140,7 @@ impl Args {
         }
         let pages = if is_drawn { ", report.html and plots.svg" } else { " and report.html; there is nothing to draw" };
         writeln!(out, "written    {}{pages}", self.out.join("results.json").display())?;
-        Ok(if results.all_completed() { Outcome::Fine } else { Outcome::Finding })
+        Ok(if results.all_completed(self.shard()) { Outcome::Fine } else { Outcome::Finding })
     }
 }
 

@@ -4,6 +4,7 @@
 
 use super::ledger::{Ledger, RunId};
 use super::plan::{Plan, RunPlan};
+use super::results::is_of;
 use super::trial_run::{self, Place, RunRecord};
 use crate::config::{self, Choice, Errors, Problem, Resolved, Setting, fault};
 use crate::record::log_file::binary_hash;
@@ -151,7 +152,7 @@ impl Campaign {
 
     /// Runs of a shard that the ledger does not have.
     fn open_runs(&self, ledger: &Ledger, shard: [usize; 2]) -> Result<Vec<Ready>, CampaignError> {
-        let mine = self.runs.iter().filter(|run| run.index % shard[1] == shard[0] - 1);
+        let mine = self.runs.iter().filter(|run| is_of(shard, run.index));
         let mut open = self.ready_all(mine)?;
         open.retain(|ready| ledger.find(&ready.id).is_none());
         Ok(open)

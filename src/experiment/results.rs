@@ -98,11 +98,18 @@ impl Results {
         }
     }
 
-    /// All that was planned is there and every run completed.
+    /// All that was planned for a shard (from 1, of so many) is there and every run of it completed.
     #[must_use]
-    pub fn all_completed(&self) -> bool {
-        self.runs.len() == self.planned && self.runs.iter().all(|run| run.end == Ended::Completed)
+    pub fn all_completed(&self, shard: [usize; 2]) -> bool {
+        let planned = (0..self.planned).filter(|index| is_of(shard, *index)).count();
+        let runs: Vec<&RunRecord> = self.runs.iter().filter(|run| is_of(shard, run.index)).collect();
+        runs.len() == planned && runs.iter().all(|run| run.end == Ended::Completed)
     }
+}
+
+/// Whether a shard (from 1, of so many) does the run with this number.
+pub(super) const fn is_of(shard: [usize; 2], index: usize) -> bool {
+    index % shard[1] == shard[0] - 1
 }
 
 fn group(runs: &[&RunRecord]) -> Group {
@@ -212,7 +219,18 @@ pub(super) mod tests {
         assert_eq!(rough.mean_steps_to_fall, Some(1400.0));
         assert_eq!(rough.ends["scuff"], 1);
         assert_eq!((worst.falls, worst.completed), (0, 0));
-        assert!(!results.all_completed());
+        assert!(!results.all_completed([1, 1]));
+    }
+
+    #[test]
+    fn a_shard_is_judged_by_its_own_runs() {
+        let fell = run(2, "walk", 0.01, 10, Ended::Fell(Cause::Scuff));
+        let runs = vec![run(0, "walk", 0.01, 1000, Ended::Completed), fell, run(3, "walk", 0.01, 9, Ended::Completed)];
+        let results = Results::new("test", "0", 6, runs);
+        assert!(results.all_completed([1, 3]), "runs 0 and 3 are there and completed");
+        assert!(!results.all_completed([2, 3]), "runs 1 and 4 are not there");
+        assert!(!results.all_completed([3, 3]), "run 2 fell");
+        assert!(!results.all_completed([1, 1]));
     }
 
     #[test]
