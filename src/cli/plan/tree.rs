@@ -22,7 +22,7 @@ pub(super) struct Args {
     /// The tree; if the file exists, it is gone on with
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Samples in all, those in the file included
+    /// Samples in all, those in the file included; more to the end of a batch (2048 at most)
     #[arg(long, value_name = "N", default_value_t = 20_000)]
     samples: u64,
     /// Seed of the samples; the same seed gives the same tree, on any number of cores
@@ -97,7 +97,7 @@ impl Args {
         let bar = progress::bar(self.samples, "samples");
         let mut written = Instant::now();
         while grower.file().counts.samples < self.samples {
-            grower.batch(self.samples);
+            grower.batch();
             bar.set_position(grower.file().counts.samples);
             if written.elapsed() > EVERY {
                 journal::write(&self.out, grower.file())?;

@@ -107,18 +107,17 @@ impl Grower {
         &self.ground
     }
 
-    /// The next batch, of at most so many samples in all.
-    pub fn batch(&mut self, samples: u64) {
+    /// The next batch, whole: a growth that stopped within one could not go on as if it had not.
+    pub fn batch(&mut self) {
         let done = self.file.counts.samples;
-        let size = (done / 8).clamp(BATCH[0], BATCH[1]).min(samples.saturating_sub(done));
+        let end = batch_end(done);
         let seed = self.ground.terms.seed;
         let (ground, tree) = (&self.ground, &self.tree);
-        let seen: Vec<Seen> =
-            (done..done + size).into_par_iter().map(|k| look(ground, tree, sample(seed, k))).collect();
+        let seen: Vec<Seen> = (done..end).into_par_iter().map(|k| look(ground, tree, sample(seed, k))).collect();
         for (k, seen) in (done..).zip(seen) {
             self.take(sample(seed, k), seen);
         }
-        self.file.counts.samples = done + size;
+        self.file.counts.samples = end;
         self.refresh();
     }
 
@@ -190,6 +189,16 @@ impl Grower {
     }
 }
 
+/// Samples at the end of the batch that comes after so many. An older file may have stopped within a batch: its next one
+/// ends where that would have.
+fn batch_end(done: u64) -> u64 {
+    let mut end = 0_u64;
+    while end <= done {
+        end += (end / 8).clamp(BATCH[0], BATCH[1]);
+    }
+    end
+}
+
 /// The state as the robot falls forward.
 fn forward(ground: &Ground, (x, stance): (State, Leg)) -> (State, Leg) {
     (if ground.fall(&x, stance) > 0.0 { x.map(|x| -x) } else { x }, stance)
@@ -243,4 +252,20 @@ fn look(ground: &Ground, tree: &Tree, from: (State, Leg)) -> Seen {
     solves += 1;
     let fine = crate::design::solve::plan_from(&coarse.problem, &coarse.trajectory, FINE).unwrap_or(coarse);
     Seen { fate: Fate::Planned(Box::new(fine)), cuts, solves }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batches_end_at_the_same_samples_wherever_a_growth_stopped() {
+        let ends = |from: u64| std::iter::successors(Some(batch_end(from)), |end| Some(batch_end(*end)));
+        let all: Vec<u64> = ends(0).take(60).collect();
+        assert_eq!(all[..3], [32, 64, 96]);
+        for stop in [0, 20, 32, 50, 333, 8000] {
+            let next = all.iter().position(|end| *end > stop).unwrap();
+            assert!(ends(stop).take(5).eq(all[next..next + 5].iter().copied()), "{stop}");
+        }
+    }
 }
