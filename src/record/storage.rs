@@ -60,6 +60,19 @@ pub trait Shelf: Send {
 /// # Errors
 /// When there is no such folder.
 pub fn free_bytes(folder: &Path) -> io::Result<u64> {
+    let stat = statvfs(folder)?;
+    Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
+}
+
+/// Whether the file system that holds a folder is mounted read-only, whatever the folder's mode says.
+///
+/// # Errors
+/// When there is no such folder.
+pub fn is_read_only(folder: &Path) -> io::Result<bool> {
+    Ok(statvfs(folder)?.f_flag & libc::ST_RDONLY != 0)
+}
+
+fn statvfs(folder: &Path) -> io::Result<libc::statvfs> {
     let path = CString::new(folder.as_os_str().as_bytes())?;
     let mut stat = MaybeUninit::<libc::statvfs>::zeroed();
     // SAFETY: `path` ends with a NUL, `stat` has room for the one structure that is written.
@@ -67,8 +80,7 @@ pub fn free_bytes(folder: &Path) -> io::Result<u64> {
         return Err(io::Error::last_os_error());
     }
     // SAFETY: all-zero bytes are a valid statvfs, and the call has filled it in.
-    let stat = unsafe { stat.assume_init() };
-    Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
+    Ok(unsafe { stat.assume_init() })
 }
 
 /// A folder. Files are called `compass-2026-11-20T23-41-24Z.mcap`; after trouble with the disk `...Z-2.mcap` and so on.

@@ -8,6 +8,7 @@ use crate::record::storage;
 use crate::rt::thread::{self, Awake, Missing};
 use crate::sensor::operator::evdev::InputDevice;
 use crate::sensor::operator::remote::read_secret;
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
@@ -26,7 +27,7 @@ const CORES_TO_PIN: usize = 3;
 /// Every check, in the order of importance.
 pub(super) fn all(config: &Config, record: &Path) -> Vec<Finding> {
     let mut findings = vec![kernel(), fifo(config), cores(config), memlock(), throttling(), cpu_dma_latency()];
-    findings.extend([governor(), command_line(), clocksource(), swap(), huge_pages(), shared_memory(), steal()]);
+    findings.extend([governor(), isolation(config), clocksource(), swap(), huge_pages(), shared_memory(), steal()]);
     findings.extend([irq_affinity(config), disk(record)]);
     for (index, bus) in config.robot.buses.iter().enumerate() {
         if let BusBackend::SocketCan(name) = &bus.backend {
@@ -145,22 +146,61 @@ fn cpu_dma_latency() -> Finding {
     Finding::new(good_if(granted, Verdict::Warn), "cpu_dma_latency", found, remedy)
 }
 
+/// Of every core: each has its own.
 fn governor() -> Finding {
-    let path = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor";
-    let Some(governor) = read(path) else {
-        return Finding::new(Verdict::Good, "governor", "none (the firmware or the host decides)", "");
-    };
-    let good = governor == "performance";
-    Finding::new(good_if(good, Verdict::Warn), "governor", governor, "cpupower frequency-set -g performance")
+    let cores = fs::read_dir("/sys/devices/system/cpu").into_iter().flatten().flatten();
+    let governors = cores.filter_map(|core| {
+        let name = core.file_name().into_string().ok()?;
+        let path = core.path().join("cpufreq/scaling_governor");
+        Some((name.strip_prefix("cpu")?.parse().ok()?, read(path.to_str()?)?))
+    });
+    governor_verdict(&governors.collect())
 }
 
-fn command_line() -> Finding {
-    let line = read("/proc/cmdline").unwrap_or_default();
-    let isolated = ["isolcpus=", "nohz_full=", "rcu_nocbs="].iter().filter(|key| line.contains(*key)).count();
-    let remedy = "isolcpus=managed_irq,domain,N nohz_full=N rcu_nocbs=N on the kernel's command line, for the core N \
-                  of the control thread";
-    let found = format!("{isolated} of isolcpus, nohz_full, rcu_nocbs");
-    Finding::new(good_if(isolated == 3, Verdict::Warn), "isolated cores", found, remedy)
+/// Core → governor.
+fn governor_verdict(governors: &BTreeMap<usize, String>) -> Finding {
+    let slow = governors.iter().find(|(_, governor)| *governor != "performance");
+    let (verdict, found) = match slow {
+        None if governors.is_empty() => (Verdict::Good, "none (the firmware or the host decides)".into()),
+        None => (Verdict::Good, "performance".into()),
+        Some((core, governor)) => (Verdict::Warn, format!("{governor} on core {core}")),
+    };
+    Finding::new(verdict, "governor", found, "cpupower frequency-set -g performance")
+}
+
+fn isolation(config: &Config) -> Finding {
+    isolation_verdict(&read("/proc/cmdline").unwrap_or_default(), config.real_time.control.core)
+}
+
+/// Which of the three keys of a kernel's command line keep others off the control thread's core.
+fn isolation_verdict(line: &str, core: Option<usize>) -> Finding {
+    let holds = |key: &&str| {
+        let mut lists = line.split_whitespace().filter_map(|word| word.strip_prefix(*key)?.strip_prefix('='));
+        // A core that is not set cannot be looked for.
+        lists.next_back().is_some_and(|list| core.is_none_or(|core| is_in_list(list, core)))
+    };
+    let (there, missing): (Vec<&str>, Vec<&str>) =
+        ["isolcpus", "nohz_full", "rcu_nocbs"].iter().partition(|k| holds(k));
+    let n = core.map_or_else(|| "N".to_owned(), |core| core.to_string());
+    let found = match core {
+        Some(_) if missing.is_empty() => format!("core {n}, as the control thread wants"),
+        Some(_) => format!("the control thread's core {n} is not in {}", missing.join(", ")),
+        None => format!("{} of isolcpus, nohz_full, rcu_nocbs", there.len()),
+    };
+    let remedy = format!(
+        "isolcpus=managed_irq,domain,{n} nohz_full={n} rcu_nocbs={n} on the kernel's command line, for the core of the \
+         control thread"
+    );
+    Finding::new(good_if(missing.is_empty(), Verdict::Warn), "isolated cores", found, &remedy)
+}
+
+/// Whether a list of cores of the kernel holds one: `1`, `2-5`, `all`, separated by commas; flags such as `domain` are passed over.
+fn is_in_list(list: &str, core: usize) -> bool {
+    list.split(',').any(|part| {
+        let range = part.split_once('-').unwrap_or((part, part));
+        let ends = (range.0.parse::<usize>(), range.1.parse::<usize>());
+        part == "all" || matches!(ends, (Ok(first), Ok(last)) if (first..=last).contains(&core))
+    })
 }
 
 fn clocksource() -> Finding {
@@ -193,9 +233,15 @@ fn huge_pages() -> Finding {
 }
 
 fn shared_memory() -> Finding {
-    let there = fs::metadata("/dev/shm").is_ok_and(|meta| meta.is_dir() && !meta.permissions().readonly());
-    let found = if there { "/dev/shm is there" } else { "/dev/shm is missing or read-only" };
-    Finding::new(good_if(there, Verdict::Bad), "shared memory", found, "mount -t tmpfs tmpfs /dev/shm")
+    let folder = Path::new("/dev/shm");
+    // Mode bits do not tell a mount that is read-only.
+    let (there, found) = match storage::is_read_only(folder) {
+        Ok(false) if folder.is_dir() => (true, "/dev/shm is there"),
+        Ok(true) => (false, "/dev/shm is mounted read-only"),
+        _ => (false, "/dev/shm is missing"),
+    };
+    let remedy = "mount -t tmpfs tmpfs /dev/shm, or mount -o remount,rw /dev/shm";
+    Finding::new(good_if(there, Verdict::Bad), "shared memory", found, remedy)
 }
 
 fn steal() -> Finding {
@@ -216,15 +262,34 @@ fn irq_affinity(config: &Config) -> Finding {
     let Some(core) = config.real_time.control.core else {
         return unpinned(core_affinity::get_core_ids().map_or(1, |cores| cores.len()));
     };
-    let text = read("/proc/irq/default_smp_affinity").unwrap_or_default().replace(',', "");
-    let away = u128::from_str_radix(&text, 16).is_ok_and(|mask| mask & (1 << core.min(127)) == 0);
-    let found = format!("default mask {text}, control on core {core}");
-    Finding::new(
-        good_if(away, Verdict::Warn),
-        "interrupts",
-        found,
-        "irqaffinity= without that core on the command line",
-    )
+    let default = read("/proc/irq/default_smp_affinity").unwrap_or_default();
+    irq_verdict(core, &default, &irqs_there())
+}
+
+/// Interrupts that exist, and the cores that they go to.
+fn irqs_there() -> BTreeMap<u32, String> {
+    let folders = fs::read_dir("/proc/irq").into_iter().flatten().flatten();
+    let irqs = folders.filter_map(|folder| {
+        let path = folder.path().join("effective_affinity_list");
+        Some((folder.file_name().to_str()?.parse().ok()?, read(path.to_str()?)?))
+    });
+    irqs.collect()
+}
+
+/// By the mask of new interrupts, and by the lists of cores of those that are there (number → list).
+fn irq_verdict(core: usize, default: &str, irqs: &BTreeMap<u32, String>) -> Finding {
+    let mask = default.replace(',', "");
+    let default_away = u128::from_str_radix(&mask, 16).is_ok_and(|mask| mask & (1 << core.min(127)) == 0);
+    let on_core: Vec<String> =
+        irqs.iter().filter(|(_, list)| is_in_list(list, core)).map(|(irq, _)| irq.to_string()).collect();
+    let found = if on_core.is_empty() {
+        format!("default mask {default}, control on core {core}")
+    } else {
+        format!("control on core {core}, where interrupts {} go too", on_core.join(", "))
+    };
+    let remedy = "irqaffinity= without that core on the command line; for one that is there: its cores into \
+                  /proc/irq/NUMBER/smp_affinity_list, and no irqbalance on that core";
+    Finding::new(good_if(default_away && on_core.is_empty(), Verdict::Warn), "interrupts", found, remedy)
 }
 
 /// No core for the control thread: right where there is none to spare.
@@ -331,6 +396,38 @@ mod tests {
         );
         assert!(storage::free_bytes(Path::new(".")).is_ok_and(|free| free > 0));
         assert!(storage::free_bytes(Path::new("no/such/folder")).is_err());
+        assert!(storage::is_read_only(Path::new("no/such/folder")).is_err());
+    }
+
+    #[test]
+    fn isolated_is_a_core_that_all_three_keys_name() {
+        let verdict = |line, core| isolation_verdict(line, core).verdict;
+        let line = "quiet isolcpus=managed_irq,domain,2-3 nohz_full=2,3 rcu_nocbs=all";
+        assert_eq!(
+            [Some(3), Some(1), None].map(|core| verdict(line, core)),
+            [Verdict::Good, Verdict::Warn, Verdict::Good]
+        );
+        assert!(isolation_verdict(line, Some(1)).found.contains("core 1 is not in isolcpus, nohz_full"));
+        assert_eq!(verdict("isolcpus=3 nohz_full=3", Some(3)), Verdict::Warn);
+        assert_eq!(verdict("isolcpus=domain,12 nohz_full=12 rcu_nocbs=12", Some(1)), Verdict::Warn, "12 is not 1");
+    }
+
+    #[test]
+    fn one_core_that_saves_power_is_enough_to_warn() {
+        let governors = |last: &str| BTreeMap::from([(0, "performance".to_owned()), (3, last.to_owned())]);
+        assert_eq!(governor_verdict(&governors("performance")).verdict, Verdict::Good);
+        let found = governor_verdict(&governors("powersave"));
+        assert_eq!((found.verdict, found.found.as_str()), (Verdict::Warn, "powersave on core 3"));
+    }
+
+    #[test]
+    fn an_interrupt_on_the_control_threads_core_is_told_though_the_default_mask_is_right() {
+        let irqs = |cores: &str| BTreeMap::from([(24, "0".to_owned()), (31, cores.to_owned())]);
+        assert_eq!(irq_verdict(3, "00000000,00000007", &irqs("0-2")).verdict, Verdict::Good);
+        let found = irq_verdict(3, "7", &irqs("0,3"));
+        assert_eq!(found.verdict, Verdict::Warn);
+        assert!(found.found.ends_with("interrupts 31 go too"), "{}", found.found);
+        assert_eq!(irq_verdict(3, "f", &irqs("0-2")).verdict, Verdict::Warn, "new ones would go there");
     }
 
     #[test]
