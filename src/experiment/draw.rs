@@ -179,7 +179,7 @@ fn success_plot(groups: &[&Group]) -> Plot {
 
 /// Survival over the impulse.
 fn pushes(results: &Results) -> Option<Chapter> {
-    let pushed: Vec<&Group> = results.groups.iter().filter(|g| g.pushes > 0 && g.delta_v_m_s.is_some()).collect();
+    let pushed: Vec<&Group> = results.groups.iter().filter(|g| g.pushes > 0).collect();
     if pushed.is_empty() {
         return None;
     }
@@ -196,12 +196,14 @@ fn pushes(results: &Results) -> Option<Chapter> {
         table.push([name(g, &[IMPULSE]), impulse, delta_v, g.pushes.to_string(), share(g.pushes_survived, g.pushes)]);
     }
     let delta_v = |g: &Group| g.delta_v_m_s.unwrap_or(0.0);
-    let plots = if values(&pushed, delta_v).len() < 2 { Vec::new() } else { vec![survival_plot(&pushed)] };
+    // Nothing is drawn over an impulse that the seed draws.
+    let known: Vec<&Group> = pushed.iter().copied().filter(|g| g.delta_v_m_s.is_some()).collect();
+    let plots = if values(&known, delta_v).len() < 2 { Vec::new() } else { vec![survival_plot(&known)] };
     let note =
         "A push is survived if no fall follows within three seconds of it or while it still stumbles. Δv: impulse \
                 over mass, + forwards; the standing foot takes part of it."
             .to_owned();
-    Some(Chapter { heading: "Pushes".into(), note, plots, table })
+    Some(Chapter { heading: "Pushes".into(), note, plots, table: table.without_empty_columns() })
 }
 
 fn survival_plot(groups: &[&Group]) -> Plot {

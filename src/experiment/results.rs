@@ -41,7 +41,7 @@ pub struct Group {
     pub speed_m_s: Option<f64>,
     /// Half width of the floor's heights.
     pub floor_m: f64,
-    /// Impulse of the pushes.
+    /// Impulse of the pushes; none where it is drawn, so that the runs differ.
     pub impulse_ns: Option<f64>,
     /// The same as change of the speed of the centre of mass, impulse over mass.
     pub delta_v_m_s: Option<f64>,
@@ -133,8 +133,8 @@ fn group(runs: &[&RunRecord]) -> Group {
         controller: first.controller.clone(),
         speed_m_s: first.speed_m_s,
         floor_m: first.floor_m,
-        impulse_ns: first.impulse_ns,
-        delta_v_m_s: first.delta_v_m_s,
+        impulse_ns: common(runs.iter().map(|r| r.impulse_ns)),
+        delta_v_m_s: common(runs.iter().map(|r| r.delta_v_m_s)),
         runs: all,
         completed,
         completed_interval: wilson(completed, all),
@@ -150,6 +150,13 @@ fn group(runs: &[&RunRecord]) -> Group {
         peak_torque_nm: runs.iter().map(|r| r.peak_torque_nm).fold(0.0, f64::max),
         ends,
     }
+}
+
+/// The value of all, if they agree.
+fn common(mut values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let first = values.next()??;
+    let is_first = |value: Option<f64>| value.is_some_and(|value| value.to_bits() == first.to_bits());
+    values.all(is_first).then_some(first)
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -220,6 +227,22 @@ pub(super) mod tests {
         assert_eq!(rough.ends["scuff"], 1);
         assert_eq!((worst.falls, worst.completed), (0, 0));
         assert!(!results.all_completed([1, 1]));
+    }
+
+    #[test]
+    fn an_impulse_is_told_only_where_all_runs_have_it() {
+        let pushed = |impulse_ns: f64| RunRecord {
+            impulse_ns: Some(impulse_ns),
+            delta_v_m_s: Some(impulse_ns / 15.2),
+            ..run(0, "walk", 0.0, 1, Ended::Completed)
+        };
+        let told = |runs: Vec<RunRecord>| {
+            let group = &Results::new("test", "0", 2, runs).groups[0];
+            (group.impulse_ns, group.delta_v_m_s.is_some())
+        };
+        assert_eq!(told(vec![pushed(2.0), pushed(2.0)]), (Some(2.0), true));
+        assert_eq!(told(vec![pushed(2.0), pushed(-5.5)]), (None, false), "drawn by the seed");
+        assert_eq!(told(vec![pushed(2.0), run(0, "walk", 0.0, 1, Ended::Completed)]), (None, false));
     }
 
     #[test]
