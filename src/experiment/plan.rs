@@ -60,13 +60,40 @@ struct Axis {
     choices: Vec<Choice>,
 }
 
-/// A number or a list of them, each uniform between two ends.
+/// Numbers, each uniform between two ends.
 #[derive(Clone, Debug, PartialEq)]
 struct Drawn {
     key: String,
     at: Origin,
     ranges: Vec<[f64; 2]>,
-    is_list: bool,
+    form: Form,
+}
+
+/// What drawn numbers are written as.
+#[derive(Clone, Debug, PartialEq)]
+enum Form {
+    Number,
+    List,
+    /// Tables with these keys, such as those of `sim.pushes`.
+    Rows(Vec<Vec<String>>),
+}
+
+impl Form {
+    fn text(&self, values: &[String]) -> String {
+        match self {
+            Self::Number => values.join(""),
+            Self::List => format!("[{}]", values.join(", ")),
+            Self::Rows(rows) => {
+                let mut values = values.iter();
+                let mut row = |keys: &Vec<String>| {
+                    let cells: Vec<String> =
+                        keys.iter().zip(values.by_ref()).map(|(key, x)| format!("{key} = {x}")).collect();
+                    format!("{{ {} }}", cells.join(", "))
+                };
+                format!("[{}]", rows.iter().map(&mut row).collect::<Vec<_>>().join(", "))
+            }
+        }
+    }
 }
 
 /// Labels, keys and draws of one choice on every axis.
@@ -183,9 +210,7 @@ impl RunPlan {
         for d in &self.draw {
             let values: Vec<String> =
                 d.ranges.iter().map(|[low, high]| format!("{:?}", low + (high - low) * uniform())).collect();
-            let text = values.join(", ");
-            let text = if d.is_list { format!("{}=[{text}]", d.key) } else { format!("{}={text}", d.key) };
-            out.push(Setting { at: d.at.clone(), text });
+            out.push(Setting { at: d.at.clone(), text: format!("{}={}", d.key, d.form.text(&values)) });
         }
         out
     }
@@ -250,16 +275,30 @@ fn choice(r: &Reader<'_>, place: &str, key: &str, item: &Node) -> Option<Choice>
 
 fn drawn(r: &Reader<'_>, place: &str, key: String, node: &Node) -> Option<Drawn> {
     let items = if let Raw::List(items) = &node.value { items.as_slice() } else { &[] };
-    let is_list = items.iter().all(|item| matches!(item.value, Raw::List(_)));
-    let ranges: Option<Vec<[f64; 2]>> =
-        if is_list { items.iter().map(ends).collect() } else { ends(node).map(|ends| vec![ends]) };
-    match ranges.filter(|ranges| !ranges.is_empty()) {
-        Some(ranges) => Some(Drawn { key, at: node.at.clone(), ranges, is_list }),
-        None => {
-            r.refuse_node(place, node, "must be [low, high] with low not above high, or a list of these");
-            None
-        }
+    let all = |is: fn(&Node) -> bool| !items.is_empty() && items.iter().all(is);
+    let found = if all(|item| item.table().is_some()) {
+        rows(items)
+    } else if all(|item| matches!(item.value, Raw::List(_))) {
+        items.iter().map(ends).collect::<Option<_>>().map(|ranges| (ranges, Form::List))
+    } else {
+        ends(node).map(|ends| (vec![ends], Form::Number))
+    };
+    let Some((ranges, form)) = found else {
+        let what = "must be [low, high] with low not above high, a list of these, or a list of tables with these";
+        r.refuse_node(place, node, what);
+        return None;
+    };
+    Some(Drawn { key, at: node.at.clone(), ranges, form })
+}
+
+/// Tables of which every value is drawn.
+fn rows(items: &[Node]) -> Option<(Vec<[f64; 2]>, Form)> {
+    let (mut ranges, mut names) = (Vec::new(), Vec::new());
+    for table in items.iter().filter_map(Node::table) {
+        ranges.extend(table.values().map(ends).collect::<Option<Vec<_>>>()?);
+        names.push(table.keys().cloned().collect());
     }
+    Some((ranges, Form::Rows(names)))
 }
 
 fn ends(node: &Node) -> Option<[f64; 2]> {
@@ -326,6 +365,21 @@ time_s = 5.0
             let sim = load(&run.drawn(0));
             assert!(sim.initial_angle_rad[0].abs() <= 0.01 && sim.initial_angle_rad[1].abs() <= 0.1);
         }
+    }
+
+    #[test]
+    fn pushes_are_drawn_as_rows_one_for_each_run() {
+        let rows = "sim.pushes = [{ time_s = [1.5, 4.0], impulse_ns = [-6.0, 6.0] }]\nsim.release";
+        let text = TEXT.replace("3..5", "1..200").replacen("sim.release", rows, 1);
+        let runs = Plan::parse("e.toml", &text).unwrap().runs();
+        let pushes: Vec<_> = runs[..200].iter().map(|run| load(&run.drawn(0)).pushes).collect();
+        assert!(pushes.iter().all(|pushes| pushes.len() == 1));
+        let first = |k: usize| (pushes[k][0].time_s, pushes[k][0].impulse_ns);
+        assert!((0..200).map(first).all(|(t, p)| (1.5..=4.0).contains(&t) && p.abs() <= 6.0));
+        assert!(pushes.windows(2).all(|pair| pair[0] != pair[1]), "each its own");
+        let wrong = text.replace("time_s = [1.5, 4.0]", "time_s = 1.5");
+        let error = Plan::parse("e.toml", &wrong).unwrap_err().to_string();
+        assert!(error.contains("e.toml:12: draw.sim.pushes") && error.contains("a list of tables"), "{error}");
     }
 
     #[test]
