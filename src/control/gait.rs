@@ -60,20 +60,25 @@ impl Gait {
         Ok(Self { placement, own, compliance: Compliance::new(config), in_charge: false, stance: None })
     }
 
-    /// The next tick begins a first step, out of balance.
+    /// On arming: the next tick begins a first step, out of balance, and nothing is known.
     pub(super) fn reset(&mut self) {
         self.placement.reset();
-        self.forget();
+        match &mut self.own {
+            Own::Placement => {}
+            Own::Virtual(law) => law.join(),
+            Own::Transverse(law) => law.reset(),
+            Own::Rebalance(law) => law.reset(),
+        }
         self.in_charge = false;
         self.stance = None;
     }
 
-    fn forget(&mut self) {
+    /// The configured law begins a step after one of foot placement.
+    const fn join(&mut self) {
         match &mut self.own {
-            Own::Placement => {}
-            Own::Virtual(law) => law.reset(),
-            Own::Transverse(law) => law.reset(),
-            Own::Rebalance(law) => law.reset(),
+            Own::Placement | Own::Rebalance(_) => {}
+            Own::Virtual(law) => law.join(),
+            Own::Transverse(law) => law.join(),
         }
     }
 
@@ -131,7 +136,7 @@ impl Gait {
                 Own::Transverse(law) => law.holds(e, self.in_charge),
             };
         if own && !self.in_charge {
-            self.forget();
+            self.join();
         } else if !own && self.in_charge {
             self.placement.join(now, e, seen);
         }

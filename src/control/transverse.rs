@@ -80,8 +80,14 @@ impl Transverse {
         })
     }
 
-    /// The next tick begins a step after one of another law.
+    /// On arming: the robot may be another one than before.
     pub(super) const fn reset(&mut self) {
+        self.step = None;
+        self.lacks = [0.0; 2];
+    }
+
+    /// The next tick begins a step after one of another law. What was learnt stays.
+    pub(super) const fn join(&mut self) {
         self.step = None;
     }
 
@@ -283,5 +289,9 @@ mod tests {
         }
         let most = missing.min(MOST_LACKS);
         assert!(missing > 0.01 && law.lacks_of(Leg::Outer) >= 0.99 * most && law.lacks_of(Leg::Inner).abs() < 1e-9);
+        law.join();
+        assert!(law.lacks_of(Leg::Outer) >= 0.99 * most, "a step of another law changes nothing in the machine");
+        law.reset();
+        assert!(law.lacks_of(Leg::Outer).abs() < f64::EPSILON, "armed anew, it knows nothing");
     }
 }

@@ -62,7 +62,7 @@ impl VirtualConstraint {
     }
 
     /// The next tick begins a step after one of another law.
-    pub(super) const fn reset(&mut self) {
+    pub(super) const fn join(&mut self) {
         self.step = None;
     }
 
