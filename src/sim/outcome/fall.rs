@@ -199,7 +199,12 @@ pub fn cause(history: &History, end_s: f64, backward: bool, fault: FaultCode) ->
     }
     match fault {
         FaultCode::EstimateLost => Cause::Estimator,
-        FaultCode::None | FaultCode::TiltLimit | FaultCode::RateLimit | FaultCode::TorqueDemand => Cause::Other,
+        FaultCode::None
+        | FaultCode::TiltLimit
+        | FaultCode::FellForward
+        | FaultCode::FellBackward
+        | FaultCode::RateLimit
+        | FaultCode::TorqueDemand => Cause::Other,
         _ => Cause::Fault,
     }
 }
@@ -220,7 +225,8 @@ mod tests {
     }
 
     fn told(happenings: &[(f64, Irregularity)], backward: bool) -> Cause {
-        cause(&history(happenings), 25.4, backward, FaultCode::TiltLimit)
+        let fault = if backward { FaultCode::FellBackward } else { FaultCode::FellForward };
+        cause(&history(happenings), 25.4, backward, fault)
     }
 
     #[test]
@@ -267,7 +273,7 @@ mod tests {
         for k in 0..300_u32 {
             history.tick(25.0 + f64::from(k) * 1e-3, true, true);
         }
-        assert_eq!(cause(&history, 25.5, true, FaultCode::TiltLimit), Cause::TorqueLimit);
+        assert_eq!(cause(&history, 25.5, true, FaultCode::FellBackward), Cause::TorqueLimit);
     }
 
     #[test]
