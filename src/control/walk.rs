@@ -35,6 +35,9 @@ pub(super) struct Walk {
     /// Speed last asked for, m/s: a step is finished as it was begun.
     walked_m_s: f64,
     hold: Hold,
+    /// Steps in the last tick, and when that number last changed: both feet were on the ground.
+    steps: u32,
+    landed: Stamp,
     /// Since when it comes to rest.
     rests_since: Stamp,
     /// Where balance holds the swing leg, rad: it goes back before the first step, to swing forward from there.
@@ -65,6 +68,8 @@ impl Walk {
             stop_step: 0,
             walked_m_s: 0.0,
             hold: Hold::new(&config.control),
+            steps: 0,
+            landed: Stamp::NEVER,
             rests_since: Stamp::NEVER,
             swing_rad: 0.0,
             first_swing_rad: -config.control.foot_placement.first_back_rad,
@@ -85,6 +90,7 @@ impl Walk {
         self.last = now;
         self.moved = now;
         self.asked = now;
+        self.landed = Stamp::NEVER;
         self.swing_rad = 0.0;
         self.gait.reset();
     }
@@ -100,6 +106,10 @@ impl Walk {
     /// Torque and toes, and what it is about.
     pub(super) fn step(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) -> (Wish, ControlState) {
         let speed_m_s = self.speed_m_s(now.since(self.since).as_s());
+        if e.steps != self.steps {
+            self.steps = e.steps;
+            self.landed = now;
+        }
         self.draw_back(now, speed_m_s);
         if speed_m_s > 0.0 {
             self.walked_m_s = speed_m_s;
@@ -174,7 +184,7 @@ impl Walk {
             }
             Motion::StepIn if e.steps.wrapping_sub(self.first_step) >= 1 => Motion::Walk,
             Motion::Walk if !asked => Motion::Stop,
-            Motion::Stop if e.steps != self.stop_step && energy(e) < 0.0 => Motion::Rest,
+            Motion::Stop if self.may_rest(now, e) => Motion::Rest,
             motion => motion,
         };
         if next != self.motion {
@@ -188,6 +198,13 @@ impl Walk {
             }
             self.motion = next;
         }
+    }
+
+    /// Astride, both feet just down, and too slow to pass the new stance leg. In the middle of a step the legs may be side by
+    /// side: held so, they are no stance to rock on, and the robot falls.
+    fn may_rest(&self, now: Stamp, e: &Estimate) -> bool {
+        let stops = e.steps != self.stop_step && energy(e) < 0.0;
+        stops && now.since(self.landed) < BOTH_DOWN && e.theta_stance_rad * e.theta_swing_rad < 0.0
     }
 
     /// The swing leg goes back before a first step, and forward again if none is asked for.
@@ -234,6 +251,8 @@ const SETTLED_SWING: [f64; 2] = [0.1, 0.3];
 const PATIENCE_S: f64 = 4.0;
 /// A step begins after the legs have settled for so long.
 const QUIET: Span = Span::from_ms(200);
+/// So long after a touchdown the foot that leaves is still near the ground: its toe goes in by 12 mm in this time.
+const BOTH_DOWN: Span = Span::from_ms(50);
 /// It rocks from foot to foot for less than this, s (every landing takes a quarter of the energy); then the torque fades.
 /// The observer's rates cannot say: they know one foot only.
 const ROCKS_S: f64 = 6.0;

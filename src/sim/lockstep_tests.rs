@@ -34,23 +34,37 @@ fn balance(keys: &[&[&str]], seconds: i64) -> (Summary, Vec<f64>) {
     (summary, torque)
 }
 
+/// Told to stop, it stands astride at the end, without torque in the last second.
+fn stops_and_rests(keys: &[&[&str]], seconds: i64) {
+    let mut lockstep = Lockstep::new(&config(&[&WALKS, &keys.concat()])).unwrap();
+    let (length, tail) = (Span::from_ms(1000 * seconds), Span::from_ms(1000));
+    let mut legs_rad = [0.0; 2];
+    let mut rests = false;
+    let summary = scenario::run(&mut lockstep, length, tail, |record, reading| {
+        rests = record.control.motion == Motion::Rest;
+        legs_rad = reading.leg_angle_rad;
+    });
+    assert!(rests && summary.stands() && summary.steps > 4, "{keys:?}: {summary:?}");
+    assert!(summary.tail_torque_nm.size() < 1e-9, "{keys:?}: {summary:?}");
+    let [inner, outer] = legs_rad;
+    assert!((inner - outer).abs() > 0.1 && inner * outer < 0.0, "{keys:?}: stands astride: {inner} {outer}");
+}
+
 #[test]
 fn a_walk_that_is_told_to_stop_rests_on_both_feet_without_torque() {
-    let keys = ["control.controller=walk", "sim.on_blocks=false", "control.walk.stop_s=8.0"];
     for seed in 1..=4 {
-        let seed = format!("sim.seed={seed}");
-        let mut lockstep = Lockstep::new(&config(&[&keys, &[&seed]])).unwrap();
-        let (length, tail) = (Span::from_ms(22_000), Span::from_ms(1000));
-        let mut legs_rad = [Vec::new(), Vec::new()];
-        let summary = scenario::run(&mut lockstep, length, tail, |record, reading| {
-            if record.control.motion == Motion::Rest {
-                legs_rad.iter_mut().zip(reading.leg_angle_rad).for_each(|(all, leg)| all.push(leg));
-            }
-        });
-        assert!(summary.stands() && summary.steps > 4, "{seed}: {summary:?}");
-        assert!(summary.tail_torque_nm.size() < 1e-9, "{seed}: {summary:?}");
-        let [inner, outer] = legs_rad.map(|leg| *leg.last().unwrap_or(&0.0));
-        assert!((inner - outer).abs() > 0.1 && inner * outer < 0.0, "{seed}: stands astride: {inner} {outer}");
+        stops_and_rests(&[&["control.walk.stop_s=8.0", &format!("sim.seed={seed}")]], 22);
+    }
+}
+
+/// As in config/experiments/stop.toml. These turn back in the middle of a step, with their legs side by side: astride they
+/// stand, and side by side they fell.
+#[test]
+fn a_walk_that_turns_back_while_it_stops_rests_with_its_feet_apart() {
+    let differs = ["sim.actuator_delay_s=0.005", "sim.model_error.inertia=0.1", "sim.model_error.friction=0.2"];
+    for (speed_m_s, seed) in [(0.4, 2), (0.4, 4)] {
+        let walk = [&format!("control.walk.speed_m_s={speed_m_s}"), &format!("sim.seed={seed}")];
+        stops_and_rests(&[&differs, &walk.map(String::as_str), &["control.walk.stop_s=12.0"]], 24);
     }
 }
 
