@@ -5,6 +5,7 @@
 //!   Stand ───────────────────> StepIn ─────────────────> Walk ───────────────────────> Stop ─────────────────────> Rest
 //!   (LQR)                      (foot placement)            (the walking law)           (long steps)    (no torque)
 //! ```
+//! A speed that is asked for while it stops: Stop, Walk. Out of Rest it does not walk again: balance does not stand up from astride.
 //! Standing out of the basin of balance, it recovers along the LQR-tree if it has one, and stands again:
 //! Stand, Recover (up to two steps), Stand.
 //! With a one-step rebalance (TVLQR) in the place of a walking law: Stand, StepIn, Stand on the other leg.
@@ -184,6 +185,7 @@ impl Walk {
             }
             Motion::StepIn if e.steps.wrapping_sub(self.first_step) >= 1 => Motion::Walk,
             Motion::Walk if !asked => Motion::Stop,
+            Motion::Stop if asked => Motion::Walk,
             Motion::Stop if self.may_rest(now, e) => Motion::Rest,
             motion => motion,
         };

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config::load;
-use crate::msg::{Drive, FaultCode, Mode, Motion, ZeroState};
+use crate::msg::{Drive, FaultCode, LawName, Mode, Motion, ZeroState};
 use crate::sim::scenario::{self, Summary};
 
 const INNER: [&str; 0] = [];
@@ -69,6 +69,22 @@ fn a_walk_that_turns_back_while_it_stops_rests_with_its_feet_apart() {
 }
 
 const WALKS: [&str; 2] = ["control.controller=walk", "sim.on_blocks=false"];
+
+#[test]
+fn a_walk_that_is_asked_for_a_speed_again_while_it_stops_walks_on_by_its_own_law() {
+    let keys = ["control.controller=transverse", "control.walk.speeds=[[6.0, 0.0], [6.4, 0.5]]"];
+    let mut lockstep = Lockstep::new(&config(&[&WALKS, &keys])).unwrap();
+    let (mut stopped, mut own) = (false, false);
+    let summary = scenario::run(&mut lockstep, Span::from_ms(14_000), Span::from_ms(1000), |record, _| {
+        let Span(ns) = record.input.now.since(Stamp::default());
+        stopped |= record.control.motion == Motion::Stop;
+        if ns > 8_000_000_000 {
+            assert_eq!(record.control.motion, Motion::Walk);
+            own |= record.control.law == LawName::Transverse;
+        }
+    });
+    assert!(stopped && own && summary.stands(), "{stopped} {own} {summary:?}");
+}
 
 /// One in a hundred. Three answers of a toe in a row are a fault: at this rate one in 1000 s.
 #[test]
