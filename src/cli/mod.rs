@@ -15,6 +15,8 @@ mod faults;
 mod identify;
 mod imu_probe;
 mod inspect;
+#[cfg(test)]
+mod laws;
 mod operator;
 mod outcome;
 mod output;

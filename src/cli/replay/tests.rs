@@ -1,8 +1,10 @@
 use super::*;
 use crate::base::time::Span;
+use crate::cli::laws;
 use crate::msg::LidarSample;
 use crate::record::Recorder;
 use crate::record::stream::tests::random_record;
+use crate::sim::lockstep::Lockstep;
 use std::path::Path;
 
 /// Runs the tick on inputs that shake every room (frames and samples of random bits now and then) and records it.
@@ -50,6 +52,33 @@ fn replay_of_a_run_is_alike_to_the_bit() {
     assert_eq!(replay(&path).run().unwrap(), Outcome::Fine);
     let from_estimates = Args { from_estimates: true, ..replay(&path) };
     assert_eq!(compare(&from_estimates).alike, 500);
+}
+
+/// Runs robot and controller in lockstep and records every tick.
+fn record_lockstep(folder: &Path, keys: &[String], ticks: usize) -> PathBuf {
+    let resolved = config::load(None, keys).unwrap();
+    let mut run = Lockstep::new(&resolved.config).unwrap();
+    let recorder = Recorder::start(folder, &resolved).unwrap();
+    for _ in 0..ticks {
+        // The simulated clock is faster than the disk.
+        while !recorder.has_room() {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        recorder.push(run.step());
+    }
+    let path = recorder.path();
+    assert_eq!(recorder.finish().dropped, 0);
+    path
+}
+
+#[test]
+fn replay_of_every_law_on_the_ground_is_alike_to_the_bit() {
+    for (keys, law) in laws::ALL {
+        let folder = tempfile::tempdir().unwrap();
+        let path = record_lockstep(folder.path(), &laws::on_the_ground(keys), laws::EACH_MS);
+        let found = compare(&replay(&path));
+        assert_eq!((found.alike, found.not_compared), (laws::EACH_MS as u64, 0), "{law:?}: {found:?}");
+    }
 }
 
 #[test]

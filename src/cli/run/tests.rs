@@ -1,4 +1,5 @@
 use super::*;
+use crate::cli::laws;
 use crate::config;
 use crate::msg::{Mode, TickInput, TickRecord};
 use crate::rt::relay::Observed;
@@ -25,8 +26,8 @@ fn sizes_have_units_and_a_least() {
     }
 }
 
-/// The inputs of a run in lockstep: the robot arms at half a second and balances.
-fn balanced_inputs(config: &Config, ticks: usize) -> Vec<TickInput> {
+/// The inputs of a run in lockstep: the robot arms at half a second.
+fn inputs_of(config: &Config, ticks: usize) -> Vec<TickInput> {
     let mut run = Lockstep::new(config).unwrap();
     (0..ticks).map(|_| run.step().input).collect()
 }
@@ -34,7 +35,7 @@ fn balanced_inputs(config: &Config, ticks: usize) -> Vec<TickInput> {
 #[test]
 fn the_tick_of_an_armed_robot_neither_allocates_nor_faults() {
     let config = config::load(None, &[]).unwrap().config;
-    let inputs = balanced_inputs(&config, 12_000);
+    let inputs = inputs_of(&config, 12_000);
     let (mut tick, mut record) = (Tick::new(&config).unwrap(), Box::<TickRecord>::default());
     memory::touch_stack(512 * 1024);
     let (before, after) = inputs.split_at(1_000);
@@ -45,6 +46,29 @@ fn the_tick_of_an_armed_robot_neither_allocates_nor_faults() {
     let end = (allocation::on_this_thread(), memory::faults_of_this_thread());
     assert_eq!((record.status.mode, record.status.faults), (Mode::Armed, 0));
     assert_eq!(end, start, "allocations, page faults in {} ticks", after.len());
+}
+
+/// Armed or fallen: a law that lets the robot fall owes it too.
+#[test]
+fn the_tick_of_every_law_on_the_ground_neither_allocates_nor_faults() {
+    for (keys, law) in laws::ALL {
+        let config = config::load(None, &laws::on_the_ground(keys)).unwrap().config;
+        let inputs = inputs_of(&config, laws::EACH_MS);
+        let (mut tick, mut record) = (Tick::new(&config).unwrap(), Box::<TickRecord>::default());
+        memory::touch_stack(512 * 1024);
+        let (before, after) = inputs.split_at(1_500);
+        before.iter().for_each(|input| tick.step(input, &mut record));
+        assert_eq!(record.status.mode, Mode::Armed, "{law:?}");
+        let mut had_its_turn = false;
+        let start = (allocation::on_this_thread(), memory::faults_of_this_thread());
+        for input in after {
+            tick.step(input, &mut record);
+            had_its_turn |= record.status.mode == Mode::Armed && record.control.law == law;
+        }
+        let end = (allocation::on_this_thread(), memory::faults_of_this_thread());
+        assert!(had_its_turn, "{law:?}");
+        assert_eq!(end, start, "{law:?}: allocations, page faults in {} ticks", after.len());
+    }
 }
 
 /// What the relay saw of a run with this fault and this state of the threads.
