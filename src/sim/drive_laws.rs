@@ -189,6 +189,11 @@ impl Walk {
         self.command(DriveGoal::Enabled, 0);
         self.until(500, |w| w.hip_is(DriveState::Enabled));
     }
+
+    fn assert_without_power(&mut self, case: Case) {
+        let (torque, power) = (self.torque(), self.power());
+        assert!(torque.abs() <= case.step_permille && power != State::Enabled, "{torque} {power:?}");
+    }
 }
 
 fn no_torque_before_it_is_enabled_nor_when_ready(case: Case) {
@@ -358,7 +363,7 @@ fn a_drive_that_is_given_up_loses_its_torque(case: Case) {
     w.plant.drive_mut(Drive::Hip).defects_mut().twice = true;
     w.until(100, |w| w.hip().error_code == SetupFault::TwoNodes as u16);
     w.ticks(20);
-    assert!(w.torque().abs() <= case.step_permille && w.power() != State::Enabled, "{} {:?}", w.torque(), w.power());
+    w.assert_without_power(case);
 }
 
 fn a_new_master_takes_the_torque_that_a_dead_one_left(case: Case) {
@@ -369,7 +374,7 @@ fn a_new_master_takes_the_torque_that_a_dead_one_left(case: Case) {
     w.lines = [0, 1].map(|bus| Line::new(&config.robot, bus, &config.real_time).unwrap());
     w.command(DriveGoal::Disabled, 0);
     w.ticks(20);
-    assert!(w.torque().abs() <= case.step_permille && w.power() != State::Enabled, "{} {:?}", w.torque(), w.power());
+    w.assert_without_power(case);
 }
 
 fn a_killed_master_leaves_no_torque_within_a_hundred_milliseconds(case: Case) {

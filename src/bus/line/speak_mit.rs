@@ -90,9 +90,14 @@ impl MitSpeaker {
         CanFrame::classic(self.mit.command_id(self.node), &special.emit())
     }
 
+    /// From here on it may have power, whatever it answered before.
+    const fn owe_power_off(&mut self) {
+        (self.may_have_power, self.shut_down_sent) = (true, false);
+    }
+
     /// A command of motion.
     fn motion(&mut self, setpoint: &mit::Setpoint) -> CanFrame {
-        (self.may_have_power, self.shut_down_sent) = (true, false);
+        self.owe_power_off();
         self.numeric(setpoint)
     }
 
@@ -342,7 +347,7 @@ impl Speak for MitSpeaker {
             return None;
         }
         self.belief = Belief::Entered { proofs: 0 };
-        (self.may_have_power, self.shut_down_sent) = (true, false);
+        self.owe_power_off();
         Some(if self.is_rmd() { self.ordinary(rmd::RELEASE_BRAKE) } else { self.special(Special::Enter) })
     }
 
@@ -391,6 +396,6 @@ impl Speak for MitSpeaker {
         self.belief = Belief::Off;
         self.position = Unwrapped::default();
         self.faulty = false;
-        (self.may_have_power, self.shut_down_sent) = (true, false);
+        self.owe_power_off();
     }
 }

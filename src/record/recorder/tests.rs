@@ -200,15 +200,21 @@ fn wait_until(recorder: &Recorder, what: impl Fn(&RecorderStatus) -> bool) {
     }
 }
 
-#[test]
-fn full_disk_costs_ticks_which_are_counted_and_told_and_recording_goes_on_when_there_is_room() {
-    let (recorder, folder, room) = small_disk(4_000_000, Duration::ZERO);
+/// Pushes ticks until the disk is full. Their number.
+fn fill(recorder: &Recorder) -> u64 {
     let mut next = 0;
     while recorder.status().state != RecorderState::DiskFull {
         recorder.push(&tick(next));
         next += 1;
         thread::sleep(Duration::from_millis(1));
     }
+    next
+}
+
+#[test]
+fn full_disk_costs_ticks_which_are_counted_and_told_and_recording_goes_on_when_there_is_room() {
+    let (recorder, folder, room) = small_disk(4_000_000, Duration::ZERO);
+    let next = fill(&recorder);
     let safe = recorder.status().written;
     assert!(safe > 0);
     let notice = recorder.take_notices().concat();
@@ -236,12 +242,7 @@ fn full_disk_costs_ticks_which_are_counted_and_told_and_recording_goes_on_when_t
 #[test]
 fn a_disk_that_stays_full_gets_no_further_files() {
     let (recorder, folder, room) = small_disk(4_000_000, Duration::ZERO);
-    let mut next = 0;
-    while recorder.status().state != RecorderState::DiskFull {
-        recorder.push(&tick(next));
-        next += 1;
-        thread::sleep(Duration::from_millis(1));
-    }
+    fill(&recorder);
     // Room for a head and some ticks is none.
     room.store(1_000_000, Ordering::Relaxed);
     thread::sleep(RETRY_FIRST + 10 * POLL);
