@@ -180,7 +180,8 @@ impl Kept {
             let gain = compare(&self.found, &without, context).total;
             let (held_out, floors) = (context.held_out.as_deref(), &context.floors);
             let only = candidate.only.as_deref();
-            let told = Confirmation::of_candidate(candidate, &self.found, &without, held_out, floors);
+            let with = (&self.found, context.given + effect);
+            let told = Confirmation::of_effect(candidate, with, &without, held_out, floors);
             if let Some(told) = told.filter(|told| told.refutes(numbers, context)) {
                 return Some(Refuted { effect, gained: told.gained, without, why: REFUTED });
             }

@@ -1,7 +1,11 @@
 //! Recordings that no fit saw, asked whether what was found holds there.
 //!
 //! An effect that only bends to the recordings it was fitted to costs elsewhere: a limit of a drive on top of the friction that
-//! is the truth, a bristle on top of a leg's Coulomb friction. Nothing is fitted here but how each window begins.
+//! is the truth, a bristle on top of a leg's Coulomb friction. For a prediction nothing is fitted here but how each window begins.
+//!
+//! A prediction judges a whole model: friction that came out better beside a ripple pays for the ripple, and where motion is sensitive
+//! small errors of other numbers speak against a true effect. An effect by itself is asked whether it replicates: all other numbers
+//! are fitted here too, with it as it was found and without it (a score test with nuisance parameters).
 //!
 //! What happens at one instant of one recording is in no other. It is asked in its own, cut at other instants, so that what the state at
 //! a window's start had taken over is no longer where it was.
@@ -9,6 +13,8 @@
 
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
+use crate::diagnose::search::budget::refitted;
+use crate::identify::base_fit::known;
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Point;
 use crate::identify::fitted_model::FittedModel;
@@ -22,7 +28,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::ops::Range;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 /// The recordings that were kept back.
 #[derive(Debug)]
@@ -84,6 +90,17 @@ impl HeldOut {
     pub fn predicted_by(&self, of: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
         let problem = Problem::new(of.rig.clone(), self.recordings.clone());
         started(problem, of, floors)
+    }
+
+    /// `rig` fitted to these recordings from the numbers that it has. `of`: the model that it comes from, with which what it costs is
+    /// counted. `None` if it runs away on one of them.
+    fn refitted(&self, rig: Rig, of: &FittedModel, floors: &[f64]) -> Option<FittedModel> {
+        let effort = Arc::clone(&of.problem.effort);
+        let problem = Problem { effort, ..Problem::new(rig, self.recordings.clone()) };
+        let point = Point { parameters: problem.vector(), states: Vec::new() };
+        let start = started(problem, &FittedModel { point, ..of.clone() }, floors)?;
+        let noise = white(&start.residuals, floors);
+        refitted(of, (start.problem, start.point), &noise, floors)
     }
 }
 
@@ -208,6 +225,37 @@ impl Confirmation {
         Some(Self::of(&residuals(with)?, &residuals(without)?, floors))
     }
 
+    /// Of effect `e` of `with`, which `without` lacks and which is `candidate`: whether it replicates in the recordings that were kept back, or,
+    /// if it is an event, by its own, cut at other instants. `None` if there are none, or one of the two runs away there.
+    #[must_use]
+    pub fn of_effect(
+        candidate: &Candidate,
+        (with, e): (&FittedModel, usize),
+        without: &FittedModel,
+        held_out: Option<&HeldOut>,
+        floors: &[f64],
+    ) -> Option<Self> {
+        match candidate.only {
+            Some(_) => Self::of_candidate(candidate, with, without, held_out, floors),
+            None => Self::replicated((with, e), without, held_out, floors),
+        }
+    }
+
+    /// Of effect `e` of `with`, which `without` lacks, as it was found, all other numbers suiting the recordings that were kept back.
+    fn replicated(
+        (with, e): (&FittedModel, usize),
+        without: &FittedModel,
+        held_out: Option<&HeldOut>,
+        floors: &[f64],
+    ) -> Option<Self> {
+        let held_out = held_out?;
+        let mut as_found = with.rig.clone();
+        as_found.effects.get_mut(e)?.clone_from(known(&with.rig).effects.get(e)?);
+        let with = held_out.refitted(as_found, with, floors)?;
+        let without = held_out.refitted(without.rig.clone(), without, floors)?;
+        Some(Self::of(&with.residuals, &without.residuals, floors))
+    }
+
     /// Of an event, in the recording in which it happened. `noise`: where nothing happens.
     #[must_use]
     pub fn of_event(with: &Residuals, without: &Residuals, noise: &[Colour], floors: &[f64]) -> Self {
@@ -314,7 +362,7 @@ fn part(with: f64, without: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::library::worked::hiding;
+    use crate::diagnose::library::worked::{FLOORS, hiding};
     use crate::identify::synthesis::{SHAKEN_PENDULUM, shaken_pendulum};
 
     const DRAG: &str = "[[effect]]\neffect = \"quadratic_drag\"\nat = \"q1\"\nquadratic = 0.004\n";
@@ -370,6 +418,34 @@ mod tests {
             Confirmation::of_event(&with, &without, &[Colour::white(1.0)], &[1e-5]).left
         };
         assert!(told(0.1) < 0.01 && told(30.0) < 0.01, "{} {}", told(0.1), told(30.0));
+    }
+
+    /// Of a drag of .004 that is (not) there: what predictions say, and whether it replicates, where the viscous friction of the one model or
+    /// of the other came out wrong.
+    fn drag_beside_wrong_friction(is_there: bool, [with, without]: [f64; 2]) -> [Confirmation; 2] {
+        let problem = hiding(if is_there { DRAG } else { "" });
+        let of = |effects: &str, viscous: f64| {
+            let mut of = problem.fitted(effects, 1);
+            of.rig.effects[0].values[0].value = viscous;
+            of
+        };
+        let (with, without) = (of(DRAG, with), of("", without));
+        let kept_back = Recording { usage: Use::Heldout, ..with.problem.recordings[0].clone() };
+        let experiment = Experiment { rig: with.rig.clone(), recordings: vec![kept_back] };
+        let held_out = HeldOut::of(&experiment, &with.rig);
+        let drag = problem.candidate("quadratic_drag", "q1");
+        let replicated = Confirmation::of_effect(&drag, (&with, 1), &without, held_out.as_ref(), &FLOORS).unwrap();
+        [Confirmation::on_kept_back(&with, &without, held_out.as_ref(), &FLOORS).unwrap(), replicated]
+    }
+
+    #[test]
+    fn an_effect_replicates_by_what_it_does_itself_not_by_the_friction_beside_it() {
+        let [predicted, replicated] = drag_beside_wrong_friction(true, [0.06, 0.03]);
+        assert!(predicted.gained < 0.0 && replicated.promised > 100.0, "{predicted}, {replicated}");
+        assert!((replicated.gained / replicated.promised - 1.0).abs() < 0.2, "it is there: {replicated}");
+        let [predicted, replicated] = drag_beside_wrong_friction(false, [0.015, 0.08]);
+        assert!(predicted.gained > 0.0 && replicated.promised > 100.0, "{predicted}, {replicated}");
+        assert!((replicated.gained / replicated.promised + 1.0).abs() < 0.2, "it is not: {replicated}");
     }
 
     #[test]
