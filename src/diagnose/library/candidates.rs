@@ -55,11 +55,16 @@ impl Candidate {
             == (other.effect, &other.at, &other.only, &other.motor_sensor, other.side, order(other))
     }
 
-    /// True if it is another effect at the same place that data may take for this one ([`look_alike`]).
+    /// True if it is another effect at the same place that data may take for this one ([`look_alike`]), or the same on the other side
+    /// of the joint.
     #[must_use]
     pub fn looks_like(&self, other: &Self) -> bool {
-        let place = |c: &Self| (c.at.clone(), c.only.clone(), c.motor_sensor.clone(), c.side);
-        place(self) == place(other) && self.effect != other.effect && look_alike(self.effect, other.effect)
+        let place = |c: &Self| (c.at.clone(), c.only.clone(), c.motor_sensor.clone());
+        let is_other = match self.effect == other.effect {
+            true => self.side != other.side,
+            false => self.side == other.side && look_alike(self.effect, other.effect),
+        };
+        place(self) == place(other) && is_other
     }
 
     /// Its place, and what tells it from others of its kind there.
