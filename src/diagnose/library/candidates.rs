@@ -483,6 +483,9 @@ mod tests {
         };
         assert_eq!(sides(true), [Side::Link, Side::Motor]);
         assert_eq!(sides(false), [Side::Link]);
+        let of = |side| Candidate { side, ..candidate("load_friction", "q1", Vec::new(), Vec::new()) };
+        let [link, motor] = [of(Side::Link), of(Side::Motor)];
+        assert!(motor.looks_like(&link) && !link.looks_like(&link));
     }
 
     #[test]
