@@ -20,7 +20,8 @@
 //! 4. [`nameless`], [`residual_force`]: does a force without a name ([`force_patterns`]) say more ([`free_curve`], [`change_point`])? Are all recordings of one
 //!    machine ([`pooling_test`])?
 //! 5. [`robustness`], [`interest`]: what is too small to matter, not told from nothing, at the edge of the range in which it was
-//!    sought, explained by instants within their rows ([`instants`]), or refuted where it was not fitted ([`held_out`]), is seen and not named.
+//!    sought, explained by instants within their rows ([`instants`]), or does not replicate where it was not fitted ([`held_out`]), is seen
+//!    and not named.
 //!    Where one is taken out that is not told from nothing, or at the edge, and others stay, the search goes on from these.
 //!    Where recordings kept back contradict what stays, effects that look like it are asked in its place ([`kept_back_exchange`]).
 //! 6. [`validation`]: free runs on recordings that were never fitted; [`explain`]: [`answer_sets`], [`localise`], [`laws`], [`sentence`],
@@ -56,7 +57,7 @@
 //! | what stands beside it? | within two deviations, or within the error of form: 2 and 15 % as above, at most 60 | [`judge::credible_set`] |
 //! | nothing of the library? | a free force .25 ahead of all that was listed, that predicts recordings kept back better than what was listed; over time, only where these do not bear out what was listed | [`judge::nameless`], [`residual_force`] |
 //! | or is it only late? | the same gain beside angles, rates, and forces that go with rates, that are all off by up to an eighth of a row, and touchdowns that take up to 10 ms | [`judge::accept`], [`instants`], [`touchdowns`] |
-//! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back; an event in its own, cut into windows that show it, where it leaves at most .25 of the squares above noise; a force without a name whatever it promises | [`judge::confirmation`], [`held_out`] |
+//! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back, as it was found, beside other numbers that are fitted there with it and without it; an event in its own, cut into windows that show it, where it leaves at most .25 of the squares above noise; a force without a name whatever it promises | [`judge::confirmation`], [`held_out`] |
 //! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
 //!
 //! Beside these rules stands one evidence, [`judge::evidence`]: a likelihood whose form is not exact, less what its numbers and the
