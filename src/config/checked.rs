@@ -721,7 +721,7 @@ pub struct Simulation {
     pub operator_release_s: Option<f64>,
 }
 
-/// The floor that the simulated robot walks on: tiles of random height, terraces on top.
+/// The floor that the simulated robot walks on: a profile of slopes, tiles of random height and terraces on top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Floor {
     /// Length of a tile, m.
@@ -734,6 +734,8 @@ pub struct Floor {
     pub steps: Vec<[f64; 2]>,
     /// Radius of the toes' tips, m.
     pub tip_radius_m: f64,
+    /// Place and height, m, in rising order, straight in between; empty: level.
+    pub profile: Vec<[f64; 2]>,
 }
 
 /// Shares by which the real machine may differ from the model, drawn uniformly by the seed.

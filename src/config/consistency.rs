@@ -70,6 +70,11 @@ fn walks_on_blocks(config: &Config, log: &Log) {
         let what = "takes steps, and with sim.on_blocks = true no foot comes to the ground; to walk, set it to false";
         log.warn(problem("control.controller", what.to_owned()));
     }
+    let has_profile = config.simulation.floor.as_ref().is_some_and(|floor| !floor.profile.is_empty());
+    if config.simulation.on_blocks && has_profile {
+        let what = "is met by nobody with sim.on_blocks = true, where no foot comes to the ground";
+        log.warn(problem("sim.floor.profile", what.to_owned()));
+    }
 }
 
 /// Times that are possible, and so long that they protect nobody: seconds on which a motor runs on after its reason is gone.

@@ -14,6 +14,7 @@ mod consistency;
 mod drive;
 mod drives;
 pub mod fault;
+mod floor_profile;
 mod lidar;
 mod mocap;
 mod model;

@@ -26,12 +26,14 @@ pub const fn range(min: f64, max: f64, unit: &'static str) -> Range {
 }
 
 impl Range {
-    fn describe(self) -> String {
+    /// In words, with the unit.
+    pub fn describe(self) -> String {
         let unit = if self.unit == "1" { String::new() } else { format!(" {}", self.unit) };
         format!("{} to {}{unit}", self.min, self.max)
     }
 
-    fn contains(self, value: f64) -> bool {
+    /// True within, ends included.
+    pub fn contains(self, value: f64) -> bool {
         // A NaN is in no range.
         value >= self.min && value <= self.max
     }
@@ -151,9 +153,14 @@ impl Reader<'_> {
                 _ => self.wrong(key, item, "must be a pair of numbers"),
             }
         }
-        let text: Vec<String> = out.iter().map(|[a, b]| format!("[{a:?}, {b:?}]")).collect();
-        self.note(key, format!("[{}]", text.join(", ")));
+        self.note_pairs(key, &out);
         out
+    }
+
+    /// Notes pairs of numbers, wherever they stood.
+    pub fn note_pairs(&self, key: &'static str, pairs: &[[f64; 2]]) {
+        let text: Vec<String> = pairs.iter().map(|[a, b]| format!("[{a:?}, {b:?}]")).collect();
+        self.note(key, format!("[{}]", text.join(", ")));
     }
 
     /// So many numbers in a range.

@@ -2,6 +2,7 @@
 
 use super::checked::{Floor, ImuErrors, LidarErrors, MocapServer, Model, ModelError, Push, RandomPushes, Simulation};
 use super::fault::Injection;
+use super::floor_profile;
 use super::process::LEGS;
 use super::reader::{Range, Reader, range};
 use super::robot::{elasticity, model};
@@ -89,6 +90,7 @@ fn floor(r: &Reader<'_>) -> Floor {
         level_until_m: r.number("level_until_m", place),
         steps,
         tip_radius_m: r.number("tip_radius_m", range(0.0, 0.05, "m")),
+        profile: floor_profile::profile(r, "profile"),
     }
 }
 

@@ -29,6 +29,8 @@ mod hold;
 mod impulse;
 mod motion;
 mod second;
+#[cfg(test)]
+mod slope_tests;
 mod solve;
 mod stand;
 mod start;

@@ -19,7 +19,7 @@ const EXAMPLES: [&str; 8] = [
 ];
 
 /// Those whose devices are the usual ones: they are for walking.
-const WALKS: [&str; 1] = ["heavier_leg.toml"];
+const WALKS: [&str; 2] = ["heavier_leg.toml", "hill.toml"];
 
 fn example(name: &str) -> Resolved {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples").join(name);

@@ -154,6 +154,7 @@ fn floor(sim: &Simulation) -> Floor {
         level_until_m: f.level_until_m,
         terraces: f.steps.clone(),
         tip_radius_m: f.tip_radius_m,
+        profile: f.profile.clone(),
     }
 }
 
@@ -258,10 +259,12 @@ impl World for GroundWorld {
     }
 
     fn floor_range_m(&self) -> [f64; 2] {
-        let terraces = self.floor.terraces.iter().map(|[_, height]| *height);
-        let (low, high) = terraces.fold((0.0_f64, 0.0_f64), |(low, high), h| (low.min(h), high.max(h)));
+        let range = |of: &[[f64; 2]]| {
+            of.iter().fold([0.0_f64; 2], |[low, high], [_, height]| [low.min(*height), high.max(*height)])
+        };
+        let ([low, high], [lowest, highest]) = (range(&self.floor.terraces), range(&self.floor.profile));
         let half = if self.floor.tile_m > 0.0 { self.floor.half_width_m } else { 0.0 };
-        [low - half, high + half]
+        [lowest + low - half, highest + high + half]
     }
 }
 

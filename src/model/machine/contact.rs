@@ -20,7 +20,7 @@
 
 use super::events::Guard;
 use super::floor::Floor;
-use super::foot::{APART, FootRows};
+use super::foot::{APART, FootRows, on_slope};
 use super::hold::{Holder, product};
 use super::motion::FlowOf;
 use super::second::Second;
@@ -79,9 +79,11 @@ pub(super) struct Feet<S> {
     /// The other foot, while it touches the ground too.
     pub(super) second: Option<Second<S>>,
     pub(super) last_strike: Strike<S>,
+    /// How the floor's profile rises where the foot that stands has landed.
+    pub(super) rise: f64,
 }
 
-/// A foot's meeting with the ground: along it and normal to it.
+/// A foot's meeting with the ground: along the mean ground and normal to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Strike<S> {
     /// Impulse on the foot, N s.
@@ -171,7 +173,8 @@ impl<S: Scalar> Machine<S> {
         self.plant.ground.lift_off = true;
     }
 
-    /// Walks over these heights from now on.
+    /// Walks over these heights from now on. A profile is for feet that are points: without `round_foot` and
+    /// `toe_compliance`.
     pub fn lay_floor(&mut self, floor: Floor) {
         self.plant.ground.floor = Some(floor);
     }
@@ -254,6 +257,7 @@ impl<S: Scalar> Machine<S> {
         let toe = self.plant.swing_toe_rows(&self.y);
         self.flow_at_start();
         self.strike(&rows);
+        self.plant.feet.rise = rows.rise;
         // The foot that stands now becomes the origin of the toe's coordinates.
         let velocity = [product(&toe[0], &self.y.v, self.plant.n), product(&toe[1], &self.y.v, self.plant.n)];
         let height = self.plant.swing_toe_height(&self.y);
@@ -281,6 +285,7 @@ impl<S: Scalar> Machine<S> {
         let Some(rows) = self.plant.foot_rows(&self.y, false) else { return };
         self.flow_at_start();
         self.strike(&rows);
+        self.plant.feet.rise = rows.rise;
         self.plant.feet.tip = self.y.q[2];
         self.after_impact();
     }
@@ -303,7 +308,8 @@ impl<S: Scalar> Machine<S> {
         let n = self.plant.n;
         let (wt, wn) = (self.work.kick(&rows.tangent, n), self.work.kick(&rows.normal, n));
         let speed = [product(&rows.tangent, &self.y.v, n), product(&rows.normal, &self.y.v, n)];
-        self.plant.feet.last_strike = Strike { impulse_ns: [S::zero(); 2], velocity_m_s: speed };
+        let velocity_m_s = on_slope(speed, -rows.rise);
+        self.plant.feet.last_strike = Strike { impulse_ns: [S::zero(); 2], velocity_m_s };
         if self.plant.ground.compliance.is_some() {
             self.strike_sprung(rows, &wt, &wn, speed);
             return;
@@ -330,7 +336,7 @@ impl<S: Scalar> Machine<S> {
             impulse = [friction * side * normal, normal];
             slides = -side;
         }
-        self.plant.feet.last_strike.impulse_ns = impulse;
+        self.plant.feet.last_strike.impulse_ns = on_slope(impulse, -rows.rise);
         for i in 0..n {
             self.y.v[i] += wt[i] * impulse[0] + wn[i] * impulse[1];
         }
@@ -343,7 +349,7 @@ impl<S: Scalar> Machine<S> {
         };
     }
 
-    /// A sprung toe takes up the speed along the leg; only the speed across it meets the ground.
+    /// A sprung toe, on a floor without a profile, takes up the speed along the leg; only the speed across it meets the ground.
     fn strike_sprung(&mut self, rows: &FootRows<S>, wt: &[S; MAX], wn: &[S; MAX], speed: [S; 2]) {
         let n = self.plant.n;
         let Some(legs) = self.plant.legs() else { return };
@@ -373,6 +379,7 @@ impl<S: Scalar> Machine<S> {
         let Feet { told, toes, short_at_start, .. } = self.plant.feet;
         self.plant.feet = Feet { told, toes, short_at_start, ..Feet::default() };
         self.start_toes();
+        self.plant.feet.rise = self.plant.profile_rise(&self.y, self.stance());
         self.plant.feet.side = self.standing_side().unwrap_or(0.0);
         self.arm_clear_foot();
         let Some(legs) = self.plant.legs() else { return };

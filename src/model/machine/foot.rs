@@ -16,11 +16,36 @@ pub(super) const APART: f64 = 0.08;
 /// Slack of the friction cone, N.
 const ROUNDING: f64 = 1e-9;
 
-/// Velocity rows of a foot, `contact velocity = row · v`, and what the rates add to its acceleration.
+/// Velocity rows of a foot, `contact velocity = row · v`, and what the rates add to its acceleration: along and normal to a
+/// floor that rises by `rise` from the mean ground.
 pub(super) struct FootRows<S> {
     pub(super) tangent: [S; MAX],
     pub(super) normal: [S; MAX],
     pub(super) bias: [S; 2],
+    pub(super) rise: f64,
+}
+
+impl<S: Scalar> FootRows<S> {
+    /// Of the mean ground: along and normal to a floor that rises by `rise` from it.
+    pub(super) fn on_slope(mut self, n: usize, rise: f64) -> Self {
+        if rise.abs() > 0.0 {
+            for i in 0..n {
+                [self.tangent[i], self.normal[i]] = on_slope([self.tangent[i], self.normal[i]], rise);
+            }
+            self.bias = on_slope(self.bias, rise);
+            self.rise = rise;
+        }
+        self
+    }
+}
+
+/// What lies along and normal to the mean ground, along and normal to a floor that rises by `rise` from it.
+pub(super) fn on_slope<S: Scalar>([along, normal]: [S; 2], rise: f64) -> [S; 2] {
+    if rise.abs() <= 0.0 {
+        return [along, normal];
+    }
+    let long = libm::sqrt(1.0 + rise * rise);
+    [(along + normal * rise) * (1.0 / long), (normal - along * rise) * (1.0 / long)]
 }
 
 /// A sprung toe moves along the leg only: its speed across leg number `s`, the toe `along` it from its tip.
@@ -48,15 +73,35 @@ impl<S: Scalar> Plant<S> {
         [t.stance, t.swing]
     }
 
-    /// Rows of the foot of `leg`: 0 stance, 1 swing (by role).
+    /// Rows of the foot of `leg`, 0 stance, 1 swing (by role), along and normal to the profile under it.
     pub(super) fn foot_rows(&self, y: &Phase<S>, swing: bool) -> Option<FootRows<S>> {
         let legs = self.legs()?;
         Some(self.foot_rows_along(y, swing, legs, &self.directions(y, legs)))
     }
 
+    /// The same along and normal to the mean ground.
+    pub(super) fn level_foot_rows(&self, y: &Phase<S>, swing: bool) -> Option<FootRows<S>> {
+        let legs = self.legs()?;
+        Some(self.level_foot_rows_along(y, swing, legs, &self.directions(y, legs)))
+    }
+
     fn foot_rows_along(&self, y: &Phase<S>, swing: bool, legs: &Legs<S>, directions: &[(S, S); 2]) -> FootRows<S> {
+        let rows = self.level_foot_rows_along(y, swing, legs, directions);
+        let stands = !swing && self.feet.contact != Contact::Flight;
+        let leg = if swing { 1 - legs.stance() } else { legs.stance() };
+        rows.on_slope(self.n, if stands { self.feet.rise } else { self.profile_rise(y, leg) })
+    }
+
+    fn level_foot_rows_along(
+        &self,
+        y: &Phase<S>,
+        swing: bool,
+        legs: &Legs<S>,
+        directions: &[(S, S); 2],
+    ) -> FootRows<S> {
         let (s, w) = (legs.stance(), 1 - legs.stance());
-        let mut rows = FootRows { tangent: [S::zero(); MAX], normal: [S::zero(); MAX], bias: [S::zero(); 2] };
+        let mut rows =
+            FootRows { tangent: [S::zero(); MAX], normal: [S::zero(); MAX], bias: [S::zero(); 2], rise: 0.0 };
         rows.tangent[2] = S::one();
         rows.normal[3] = S::one();
         let l = legs.length();
@@ -164,10 +209,10 @@ impl<S: Scalar> Plant<S> {
         Some(friction * normal.max(0.0) * (1.0 + 1e-10) + ROUNDING - tangent.abs())
     }
 
-    /// True if the stance toe is a point that does not move.
+    /// True if the stance toe is a point that does not move, on the mean ground.
     pub(super) fn stands_still(&self) -> bool {
         let is_point = self.ground.radius.is_none() && self.ground.compliance.is_none() && self.feet.toes.is_none();
-        self.walks && is_point && self.feet.contact == Contact::Held
+        self.walks && is_point && self.feet.contact == Contact::Held && self.feet.rise.abs() <= 0.0
     }
 
     /// Constraints of the stance foot.
@@ -267,11 +312,17 @@ impl<S: Scalar> Plant<S> {
         Some(toe - self.short(y, leg) * (y.q[leg] + legs.slope()).sin())
     }
 
-    /// How the floor rises under the foot of `leg`.
+    /// How the floor rises under the foot of `leg`, edges included.
     pub(super) fn rise_under(&self, y: &Phase<S>, leg: usize) -> f64 {
         let (Some(floor), Some(place)) = (&self.ground.floor, self.foot_place(y, leg)) else { return 0.0 };
-        let [_, rise] = floor.profile(place.value());
+        let [_, rise] = floor.contact(place.value());
         rise
+    }
+
+    /// How the floor's profile rises under the foot of `leg`.
+    pub(super) fn profile_rise(&self, y: &Phase<S>, leg: usize) -> f64 {
+        let Some(floor) = self.ground.floor.as_ref().filter(|floor| !floor.profile.is_empty()) else { return 0.0 };
+        self.foot_place(y, leg).map_or(0.0, |place| floor.rise(place.value()))
     }
 
     /// Height of the floor under the foot of `leg`, m.

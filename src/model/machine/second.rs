@@ -7,6 +7,7 @@
 
 use super::Machine;
 use super::contact::Contact;
+use super::foot::{FootRows, on_slope};
 use super::hold::product;
 use super::motion::{FlowOf, Phase, Plant, Work};
 use crate::base::scalar::Scalar;
@@ -41,7 +42,6 @@ impl<S: Scalar> Plant<S> {
     /// Force of the ground on the second foot, N.
     fn press(&self, y: &Phase<S>) -> Option<Press<S>> {
         let second = self.feet.second.as_ref()?;
-        let rows = self.foot_rows(y, true)?;
         let swing = 1 - self.legs()?.stance();
         let depth = -self.swing_height(y)?;
         if depth.value() <= 0.0 {
@@ -50,11 +50,7 @@ impl<S: Scalar> Plant<S> {
         let place = self.foot_place(y, swing)?;
         let rise = self.rise_under(y, swing);
         let long = libm::sqrt(1.0 + rise * rise);
-        let (mut tangent, mut normal) = ([S::zero(); MAX], [S::zero(); MAX]);
-        for i in 0..self.n {
-            tangent[i] = (rows.tangent[i] + rows.normal[i] * rise) * (1.0 / long);
-            normal[i] = (rows.normal[i] - rows.tangent[i] * rise) * (1.0 / long);
-        }
+        let FootRows { tangent, normal, .. } = self.level_foot_rows(y, true)?.on_slope(self.n, rise);
         let speed = [product(&tangent, &y.v, self.n), product(&normal, &y.v, self.n)];
         let press = (depth * (STIFFNESS_N_M / long) - speed[1] * DAMPING_N_S_M).clamp_to(0.0, f64::INFINITY);
         let most = self.most_friction() * press.value();
@@ -88,9 +84,8 @@ impl<S: Scalar> Machine<S> {
     /// Force of the ground on the foot that does not stand, N: along the ground and normal to it; `None` in the air.
     #[must_use]
     pub fn second_foot_force(&self) -> Option<[S; 2]> {
-        let Press { rise, force: [along, press], .. } = self.plant.press(&self.y)?;
-        let long = libm::sqrt(1.0 + rise * rise);
-        Some([(along - press * rise) * (1.0 / long), (press + along * rise) * (1.0 / long)])
+        let Press { rise, force, .. } = self.plant.press(&self.y)?;
+        Some(on_slope(force, -rise))
     }
 
     /// True if the swing foot that has just touched presses the old foot down instead of relieving it: it then becomes

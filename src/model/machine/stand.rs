@@ -6,6 +6,7 @@
 //! RT: yes, no allocation.
 
 use super::contact::Contact;
+use super::foot::on_slope;
 use super::hold::Holder;
 use super::motion::{Phase, Plant, Work};
 use crate::base::scalar::Scalar;
@@ -63,7 +64,7 @@ impl<S: Scalar> Plant<S> {
         work.toe_bias = [f[2], f[3]];
         if work.held.wants_forces() {
             let force = |k: usize| m[s][k] * a_s + m[w][k] * a_w + legs.mass() * toe[k - 2] - f[k];
-            let force = [force(2), force(3)];
+            let force = on_slope([force(2), force(3)], self.feet.rise);
             work.held.note(Holder::Tangent, force[0]);
             work.held.note(Holder::Normal, force[1]);
         }

@@ -102,9 +102,9 @@ impl<S: Scalar> Machine<S> {
         [0, 1].map(|leg| [self.y.q[toes + leg], self.y.v[toes + leg]])
     }
 
-    /// Velocity of the stance foot along the ground and normal to it.
+    /// Velocity of the stance foot along the mean ground and normal to it.
     fn stance_foot_velocity(&self) -> [S; 2] {
-        let Some(rows) = self.plant.foot_rows(&self.y, false) else { return [S::zero(); 2] };
+        let Some(rows) = self.plant.level_foot_rows(&self.y, false) else { return [S::zero(); 2] };
         [product(&rows.tangent, &self.y.v, self.plant.n), product(&rows.normal, &self.y.v, self.plant.n)]
     }
 
