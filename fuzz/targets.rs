@@ -52,8 +52,12 @@ pub const TARGETS: &[Target] = &[
     ("csv", csv, &[b"t_s,theta_rad\n0,1\n0.1,nan\n"]),
     ("rig", rig, &[b"[mechanism]\nkind = \"pendulum\"\n"]),
     ("config", config_text, &[b"robot.imu.rate_hz = 500\ncontrol.lqr_r = 0.1\n"]),
-    ("operator_socket", operator_socket, &[&[1], &[0], &[2, 0, 0, 0, 0, 0, 0, 0xD0, 0x3F]]),
-    ("remote", remote, &[b"CGR1\x01", b"CGR1\x03"]),
+    (
+        "operator_socket",
+        operator_socket,
+        &[&[1], &[0], &[2, 0, 0, 0, 0, 0, 0, 0xD0, 0x3F], &[3, 1, 0, 0, 0, 0, 0, 0, 0xD0, 0x3F]],
+    ),
+    ("remote", remote, &[b"CGR1\x01", b"CGR1\x03", b"CGR1\x05"]),
     ("watch_socket", watch_socket, &[b"COMPASS1\0\0\0\0\0\0\0\0\x02\0\0\0ab\x05\0\0\0\0"]),
     ("scip", scanner, &[b"MD0000108001000\n99b\n0000@\n", b"PP\n00P\nDMIN:23;7\n\n"]),
     (
@@ -200,7 +204,7 @@ pub fn config_text(bytes: &[u8]) {
 pub fn operator_socket(bytes: &[u8]) {
     thread_local!(static ENDS: RefCell<(SocketHand, UnixDatagram)> = {
         let path = std::env::temp_dir().join(format!("compass-fuzz-{}-{:?}", std::process::id(), std::thread::current().id()));
-        let hand = SocketHand::bind(&path, Span::from_ms(100)).unwrap();
+        let hand = SocketHand::bind(&path, Span::from_ms(100), Some(0.5)).unwrap();
         let sender = UnixDatagram::unbound().unwrap();
         sender.connect(&path).unwrap();
         // The socket lives on without its name.
@@ -210,7 +214,7 @@ pub fn operator_socket(bytes: &[u8]) {
     ENDS.with_borrow_mut(|(hand, sender)| {
         sender.send(bytes).unwrap();
         let sample = hand.poll(Stamp(1_000_000_000));
-        assert!(sample.zero_angle_rad.is_finite());
+        assert!(sample.zero_angle_rad.is_finite() && (0.0..=0.5).contains(&sample.speed_m_s));
         assert!(bytes != [0] || !sample.dead_man);
     });
 }
@@ -218,7 +222,7 @@ pub fn operator_socket(bytes: &[u8]) {
 /// Datagrams at both ends of a remote hand. Without the secret nothing is answered and nothing changes.
 pub fn remote(bytes: &[u8]) {
     let key = || Key::new(b"a secret of two ends").unwrap();
-    let mut receiver = Receiver::new(key(), Span::from_ms(100));
+    let mut receiver = Receiver::new(key(), Span::from_ms(100), Some(0.5));
     let from = SocketAddr::from(([127, 0, 0, 1], 1));
     let now = Stamp(1_000_000_000);
     assert!(receiver.take(now, from, bytes, || Some([7; 16])).is_none());

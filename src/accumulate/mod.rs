@@ -29,13 +29,21 @@ use joint::Joints;
 pub struct Accumulator {
     joints: Joints,
     imu: Option<ImuSample>,
+    operator_age: Span,
+    /// Speed of the operator's stick at its end, m/s; none without a stick.
+    highest_m_s: Option<f64>,
 }
 
 impl Accumulator {
     /// Remembers nothing yet; the factors from drive units to joint units are computed here.
     #[must_use]
     pub fn new(robot: &Robot) -> Self {
-        Self { joints: Joints::new(robot), imu: None }
+        Self {
+            joints: Joints::new(robot),
+            imu: None,
+            operator_age: robot.limits.operator_age,
+            highest_m_s: robot.operator_speed.map(|speed| speed.highest_m_s),
+        }
     }
 
     /// The newest of each sensor at `now`.
@@ -63,8 +71,17 @@ impl Accumulator {
             toe_age: toes(drives).map(|toe| age(now, toe.stamp)).into_iter().max().unwrap_or(Span(i64::MAX)),
             operator_age: age(now, operator.stamp),
             dead_man: operator.dead_man,
+            asked_m_s: self.asked_m_s(now, operator),
             ..Snapshot::default()
         }
+    }
+
+    /// What the stick asks for, as long as a hand that is heard of holds the switch.
+    fn asked_m_s(&self, now: Stamp, operator: &OperatorSample) -> f64 {
+        let Some(highest_m_s) = self.highest_m_s else { return 0.0 };
+        let holds = operator.dead_man && age(now, operator.stamp) <= self.operator_age;
+        let can_be = (0.0..=highest_m_s).contains(&operator.speed_m_s);
+        if holds && can_be { operator.speed_m_s } else { 0.0 }
     }
 }
 

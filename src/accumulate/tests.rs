@@ -44,6 +44,33 @@ fn the_newest_sample_stays_and_grows_old() {
 }
 
 #[test]
+fn a_stick_asks_only_with_fresh_news_of_a_held_switch_and_by_a_speed_that_it_can_say() {
+    let asked = |stick: bool, age_ms: i64, dead_man: bool, speed_m_s: f64| {
+        let keys =
+            if stick { vec!["robot.operator.speed={ highest_m_s = 0.5, rate_m_s2 = 0.2 }".to_owned()] } else { vec![] };
+        let mut room = Accumulator::new(&config::load(None, &keys).unwrap().config.robot);
+        let now = Stamp(5_000_000_000);
+        let stamp = if age_ms < 0 { Stamp::NEVER } else { now - Span::from_ms(age_ms) };
+        let operator = OperatorSample { stamp, dead_man, speed_m_s, ..OperatorSample::default() };
+        room.snapshot(now, &silent_drives(), &ImuBatch::default(), &operator).asked_m_s
+    };
+    assert!((asked(true, 100, true, 0.5) - 0.5).abs() < 1e-15);
+    for (stick, age_ms, dead_man, speed_m_s) in [
+        (false, 0, true, 0.5),
+        (true, 101, true, 0.5),
+        (true, -1, true, 0.5),
+        (true, 0, false, 0.5),
+        (true, 0, true, 0.501),
+        (true, 0, true, -0.1),
+        (true, 0, true, f64::NAN),
+        (true, 0, true, f64::INFINITY),
+    ] {
+        let said = asked(stick, age_ms, dead_man, speed_m_s);
+        assert_eq!(said.to_bits(), 0.0_f64.to_bits(), "{stick} {age_ms} {dead_man} {speed_m_s}");
+    }
+}
+
+#[test]
 fn one_silent_toe_makes_the_toes_old() {
     let mut drives = silent_drives();
     for (index, drive) in drives.drives.iter_mut().enumerate().filter(|(i, _)| *i != 3) {

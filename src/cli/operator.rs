@@ -7,7 +7,7 @@ pub(super) mod key;
 
 use super::{Outcome, Run};
 use crate::rt::stop::Stop;
-use crate::sensor::operator::socket::{HELD, OPEN, zero_datagram};
+use crate::sensor::operator::socket::{HELD, OPEN, stick_datagram, zero_datagram};
 use anyhow::Context;
 use key::{Key, KeyArgs, KeyState};
 use std::io::{self, Write};
@@ -32,7 +32,9 @@ Examples:
 First hold until the toes have found their zero, let go, then press again to arm. In a terminal a key counts as held while
 it repeats without a gap of 100 ms, which begins after the keyboard's first delay; z confirms the hip's zero with the legs
 aligned, q ends. A key of a device is held once it was seen released and then pressed; a wireless device needs
---heartbeat-axis and --heartbeat-ms, as its receiver may repeat a held key for ever when the radio dies. Only one process at a time has the switch: a second one is refused by the robot.
+--heartbeat-axis and --heartbeat-ms, as its receiver may repeat a held key for ever when the radio dies. With --speed-axis a
+stick of the device asks for the walking speed while the key is held; a robot without robot.operator.speed does not take
+such a hand. Only one process at a time has the switch: a second one is refused by the robot.
 Killing it is as good as letting go: silence is a fault after robot.limits.operator_age_ms.
 Exit codes: 0 ended by the person, 2 no key to hold, 3 nobody listens at the socket or the device is gone.")]
 pub(crate) struct Args {
@@ -79,16 +81,21 @@ const fn why_not(kind: io::ErrorKind) -> &'static str {
 
 /// Says how the key is, again and again, until the person or a signal ends it.
 fn beat(socket: &UnixDatagram, key: &mut Key, stop: &Stop) -> anyhow::Result<()> {
-    let mut shown = None;
+    let mut shown = String::new();
     while !stop.is_requested() {
         match key.wait(HEARTBEAT)? {
             KeyState::Quit => return Ok(()),
             KeyState::Zero => drop(socket.send(&zero_datagram(0.0)).context("the robot is gone")?),
-            KeyState::Switch(held) => {
-                socket.send(&[if held { HELD } else { OPEN }]).context("the robot is gone")?;
-                if shown != Some(held) {
-                    shown = Some(held);
-                    write!(io::stderr(), "{}\r\n", if held { "held" } else { "open" })?;
+            KeyState::Switch { held, stick } => {
+                match stick {
+                    Some(share) => socket.send(&stick_datagram(held, share)),
+                    None => socket.send(&[if held { HELD } else { OPEN }]),
+                }
+                .context("the robot is gone")?;
+                let line = in_words(held, stick);
+                if line != shown {
+                    write!(io::stderr(), "{line}\r\n")?;
+                    shown = line;
                 }
             }
         }
@@ -96,9 +103,22 @@ fn beat(socket: &UnixDatagram, key: &mut Key, stop: &Stop) -> anyhow::Result<()>
     Ok(())
 }
 
+/// The switch, and the stick in tenths of its way.
+pub(super) fn in_words(held: bool, stick: Option<f64>) -> String {
+    let switch = if held { "held" } else { "open" };
+    stick
+        .map_or_else(|| switch.to_owned(), |share| format!("{switch}, stick at {:.0} %", 10.0 * (10.0 * share).round()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_stick_is_told_in_tenths() {
+        assert_eq!(in_words(true, Some(0.46)), "held, stick at 50 %");
+        assert_eq!(in_words(false, None), "open");
+    }
 
     #[test]
     fn who_is_refused_and_who_finds_nobody_are_told_apart() {

@@ -1,5 +1,6 @@
 //! `compass remote`: a dead-man switch for a hand at a key of another computer. RT: no.
 
+use super::operator::in_words;
 use super::operator::key::{Key, KeyArgs, KeyState};
 use super::{Outcome, Run};
 use crate::base::time::Span;
@@ -29,7 +30,7 @@ Examples:
   compass remote --to 10.0.0.2:4440 --secret remote.secret --device /dev/input/by-id/usb-Pedal-event-kbd --key 57
 
 The robot listens where robot.operator.source = \"udp:ADDRESS:PORT\" says. Its loopback address and a tunnel keep the port
-from everybody else. Keys as in `compass operator`; z confirms the hip's zero, q ends. What comes back is the robot's mode
+from everybody else. Keys and --speed-axis as in `compass operator`; z confirms the hip's zero, q ends. What comes back is the robot's mode
 and fault, ten times a second.
 Exit codes: 0 ended by the person, 2 no key to hold, 3 the secret, the address or the device.")]
 pub(crate) struct Args {
@@ -49,10 +50,10 @@ impl Run for Args {
         let secret = read_secret(&self.secret).with_context(|| format!("--secret {}", self.secret.display()))?;
         let socket = connect(&self.to).with_context(|| format!("--to {}", self.to))?;
         let mut key = Key::open(&self.key)?;
-        let mut link = Link { socket, sender: Sender::new(secret, chance()?), shown: String::new() };
+        let mut link = Link { socket, sender: Sender::new(secret, chance()?), stick: None, shown: String::new() };
         let held = beat(&mut link, &mut key, &stop);
         for _ in 0..RELEASES {
-            let open = link.sender.state(clock::now(), false);
+            let open = link.sender.state(clock::now(), false, link.stick.and(Some(0.0)));
             for _ in 0..2 {
                 link.send(open.as_ref())?;
                 std::thread::sleep(pause(REPEAT_AFTER));
@@ -88,12 +89,15 @@ fn beat(link: &mut Link, key: &mut Key, stop: &Stop) -> anyhow::Result<()> {
                 link.sender.confirm_zero(0.0);
                 false
             }
-            KeyState::Switch(held) => held,
+            KeyState::Switch { held, stick } => {
+                link.stick = stick;
+                held
+            }
         };
         let now = clock::now();
         let hello = link.sender.hello(now);
         link.send(hello.as_ref())?;
-        let state = link.sender.state(now, held);
+        let state = link.sender.state(now, held, link.stick);
         link.send(state.as_ref())?;
         std::thread::sleep(pause(REPEAT_AFTER));
         link.send(state.as_ref())?;
@@ -107,6 +111,8 @@ fn beat(link: &mut Link, key: &mut Key, stop: &Stop) -> anyhow::Result<()> {
 struct Link {
     socket: UdpSocket,
     sender: Sender,
+    /// How far the stick is pushed, if there is one, 0 to 1.
+    stick: Option<f64>,
     shown: String,
 }
 
@@ -143,7 +149,7 @@ impl Link {
             Some((view, _)) if view.mode == Mode::Faulted => format!("fault {}", view.first_fault.name()),
             Some((view, _)) => format!("{}{}", view.mode.name(), blockers(view.arm_blockers)),
         };
-        let line = format!("{}  robot: {robot}", if held { "held" } else { "open" });
+        let line = format!("{}  robot: {robot}", in_words(held, self.stick));
         if line != self.shown {
             write!(io::stderr(), "{line}\r\n")?;
             self.shown = line;

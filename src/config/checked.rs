@@ -3,7 +3,7 @@
 pub use super::drives::{Cia402, Claim, DriveProtocol, Mit, MitDialect, Moteus, Odrive, OdriveFirmware, Traffic};
 pub use super::lidar::{Lidar, LidarLink, LidarMount};
 pub use super::mocap::{Mocap, MocapSource};
-pub use super::operator::{Heartbeat, Operator, OperatorDevice, OperatorRemote};
+pub use super::operator::{Heartbeat, Operator, OperatorDevice, OperatorRemote, OperatorSpeed, Stick};
 
 use super::fault::Injection;
 use crate::base::can_time::BitRates;
@@ -59,6 +59,8 @@ pub struct Robot {
     pub limits: Limits,
     /// Where the dead-man switch is.
     pub operator: Operator,
+    /// The stick beside it that asks for the walking speed, if there is one.
+    pub operator_speed: Option<OperatorSpeed>,
     /// The laser scanner that sees the floor, if there is one.
     pub lidar: Option<Lidar>,
     /// Ground truth for recordings, if there is motion capture.
@@ -470,6 +472,16 @@ pub struct Walk {
     pub stop_s: Option<f64>,
     /// Out of the basin of balance it recovers along the tree of the configuration.
     pub recover: bool,
+}
+
+impl Walk {
+    /// Speed asked for at a time since arming, m/s.
+    #[must_use]
+    pub fn speed_at_m_s(&self, armed_s: f64) -> f64 {
+        let walks = armed_s >= self.start_s && self.stop_s.is_none_or(|stop| armed_s < stop);
+        let of_schedule = self.speeds.iter().rev().find(|[from_s, _]| armed_s >= *from_s);
+        if walks { of_schedule.map_or(self.speed_m_s, |[_, speed_m_s]| *speed_m_s) } else { 0.0 }
+    }
 }
 
 /// Numbers of the hand-made walking law.

@@ -1,4 +1,4 @@
-//! Where the dead-man switch is, and how that is written. RT: before arming only.
+//! Where the dead-man switch is, whether a stick beside it asks for the speed, and how that is written. RT: before arming only.
 
 use super::reader::{Reader, range};
 use crate::base::time::Span;
@@ -48,10 +48,62 @@ pub struct OperatorRemote {
     pub secret_file: String,
 }
 
+/// The operator asks for the walking speed by a stick, in the place of `control.walk`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OperatorSpeed {
+    /// What the stick asks for when it is pushed all the way, m/s.
+    pub highest_m_s: f64,
+    /// What the robot is asked for rises and falls no faster, m/s²; a stick at rest asks for 0 at once.
+    pub rate_m_s2: f64,
+    /// The stick of the robot's own input device; `None`: the person's end has one.
+    pub stick: Option<Stick>,
+}
+
+/// An axis of an input device that is pushed from its rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stick {
+    /// Number of the axis (`ABS_Y` is 1).
+    pub axis: u16,
+    /// Where it stands when nobody touches it, counts of the device.
+    pub rest: i32,
+    /// Where it stands when it is pushed all the way, counts.
+    pub full: i32,
+    /// Share of the way that still counts as rest.
+    pub dead_zone: f64,
+}
+
+impl Stick {
+    /// How far it is pushed, 0 to 1; pulled the other way is not pushed.
+    #[must_use]
+    pub fn share(&self, counts: i32) -> f64 {
+        let way = f64::from(self.full) - f64::from(self.rest);
+        let pushed = (f64::from(counts) - f64::from(self.rest)) / way;
+        let share = ((pushed - self.dead_zone) / (1.0 - self.dead_zone)).clamp(0.0, 1.0);
+        // No number at all: a way or a zone that `config` would have refused.
+        if share.is_nan() { 0.0 } else { share }
+    }
+}
+
 const SOURCES: &str =
     "must be \"simulated\", \"socket:/PATH\" of at most 107 bytes, \"device:/PATH\" or \"udp:ADDRESS:PORT\"";
 
-pub(super) fn operator(r: &Reader<'_>) -> Operator {
+/// The switch, and the stick if there is one.
+pub(super) fn operator(r: &Reader<'_>) -> (Operator, Option<OperatorSpeed>) {
+    let operator = switch(r);
+    let has_axis = matches!(operator, Operator::Device(_));
+    (operator, r.optional_table("speed", |r| speed(r, has_axis)))
+}
+
+/// A device of the robot's own has its axis here; with any other source the axis is the person's end's matter.
+fn speed(r: &Reader<'_>, has_axis: bool) -> OperatorSpeed {
+    OperatorSpeed {
+        highest_m_s: r.number("highest_m_s", range(0.05, 2.0, "m/s")),
+        rate_m_s2: r.number("rate_m_s2", range(0.01, 10.0, "m/s^2")),
+        stick: has_axis.then(|| stick(r)),
+    }
+}
+
+fn switch(r: &Reader<'_>) -> Operator {
     let source = r.text("source");
     match source.split_once(':') {
         None if source == "simulated" => Operator::Simulated,
@@ -63,6 +115,20 @@ pub(super) fn operator(r: &Reader<'_>) -> Operator {
             Operator::Simulated
         }
     }
+}
+
+fn stick(r: &Reader<'_>) -> Stick {
+    let counts = |key| r.integer(key, i64::from(i32::MIN), i64::from(i32::MAX), "counts");
+    let stick = Stick {
+        axis: r.integer("axis", 0, 0x3F, "1"),
+        rest: counts("rest_counts"),
+        full: counts("full_counts"),
+        dead_zone: r.number("dead_zone", range(0.0, 0.9, "1")),
+    };
+    if stick.rest == stick.full {
+        r.refuse("full_counts", "must be another place than rest_counts");
+    }
+    stick
 }
 
 fn device(r: &Reader<'_>, path: &str) -> Operator {

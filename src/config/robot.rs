@@ -15,6 +15,7 @@ use std::f64::consts::{PI, TAU};
 pub(super) const DRIVE_KEYS: [&str; 5] = ["hip", "inner_toe_a", "inner_toe_b", "outer_toe_a", "outer_toe_b"];
 
 pub(super) fn robot(r: &Reader<'_>) -> Robot {
+    let (operator, operator_speed) = r.table("operator", operator);
     Robot {
         model: r.table("model", model),
         hip: r.table("hip", hip),
@@ -23,7 +24,8 @@ pub(super) fn robot(r: &Reader<'_>) -> Robot {
         buses: [r.table("bus0", bus), r.table("bus1", bus)],
         imu: r.table("imu", imu),
         limits: r.table("limits", limits),
-        operator: r.table("operator", operator),
+        operator,
+        operator_speed,
         lidar: r.optional_table("lidar", lidar),
         mocap: r.optional_table("mocap", mocap),
     }

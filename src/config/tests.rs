@@ -98,6 +98,38 @@ fn real_buses_want_a_real_hand_and_a_real_imu_but_the_simulated_robot_does_not()
 }
 
 #[test]
+fn a_stick_has_its_axis_beside_a_device_of_the_robot_and_its_keys_go_together() {
+    let device = "robot.operator={ source = \"device:/dev/input/event3\", key = 304, zero_key = 305 }";
+    let stick = |keys: &str| format!("robot.operator.speed={{ highest_m_s = 0.5, rate_m_s2 = 0.2{keys} }}");
+    let axis = ", axis = 1, rest_counts = 128, full_counts = 0, dead_zone = 0.1";
+    let told = |source: &str, speed: &str| set(&[source, speed]).map_err(|e| e.to_string());
+    let resolved = told(device, &stick(axis)).unwrap();
+    let speed = resolved.config.robot.operator_speed.unwrap();
+    let expected = checked::Stick { axis: 1, rest: 128, full: 0, dead_zone: 0.1 };
+    assert_eq!((speed.highest_m_s, speed.stick), (0.5, Some(expected)));
+    assert_eq!(from_canonical(&resolved.text, &[]).unwrap().config, resolved.config);
+    let socket = "robot.operator.source=socket:/run/hand";
+    assert_eq!(told(socket, &stick("")).unwrap().config.robot.operator_speed.unwrap().stick, None);
+    assert_eq!(set(&[]).unwrap().config.robot.operator_speed, None);
+    for (source, speed, what) in [
+        (device, stick(""), "robot.operator.speed.axis: is missing"),
+        (socket, stick(axis), "robot.operator.speed.axis = 1: unknown key"),
+        (
+            device,
+            stick(&axis.replace("= 0,", "= 128,")),
+            "speed.full_counts = 128: must be another place than rest_counts",
+        ),
+        (device, stick(&axis.replace("= 1,", "= 64,")), "speed.axis = 64: must be a whole number, 0 to 63"),
+        (device, stick(&axis.replace("0.1", "1.0")), "speed.dead_zone = 1.0: must be 0 to 0.9"),
+        (socket, stick("").replace("0.5", "2.5"), "speed.highest_m_s = 2.5: must be 0.05 to 2 m/s"),
+        (socket, stick("").replace("0.2", "0"), "speed.rate_m_s2 = 0: must be 0.01 to 10 m/s^2"),
+    ] {
+        let error = told(source, &speed).unwrap_err();
+        assert!(error.contains(what), "{what}: {error}");
+    }
+}
+
+#[test]
 fn times_that_protect_nobody_are_told() {
     let warned = |key_value: &str| {
         let resolved = set(&[key_value]).unwrap();

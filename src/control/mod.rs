@@ -25,6 +25,7 @@
     )
 )]
 
+mod asked_speed;
 mod balance;
 mod catch;
 mod compliance;

@@ -10,6 +10,7 @@
 //! Stand, Recover (up to two steps), Stand.
 //! With a one-step rebalance (TVLQR) in the place of a walking law: Stand, StepIn, Stand on the other leg.
 
+use super::asked_speed::AskedSpeed;
 use super::balance::Balance;
 use super::foot_placement::Wish;
 use super::gait::Gait;
@@ -18,7 +19,7 @@ use super::lqr_tree::LqrTree;
 use super::pendulum::energy;
 use super::{ControllerError, ToeLengths};
 use crate::base::time::{Span, Stamp};
-use crate::config::checked::{Config, Walk as Schedule};
+use crate::config::checked::Config;
 use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot, TOES};
 
 /// Laws and mode.
@@ -26,10 +27,9 @@ use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot, TOES};
 pub(super) struct Walk {
     balance: Balance,
     gait: Gait,
-    schedule: Schedule,
+    asked_speed: AskedSpeed,
     toes: ToeLengths,
     motion: Motion,
-    since: Stamp,
     first_step: u32,
     /// Steps when the last touchdown of a stop was awaited.
     stop_step: u32,
@@ -61,10 +61,9 @@ impl Walk {
         Ok(Self {
             balance: Balance::new(config)?,
             gait: Gait::new(config)?,
-            schedule: config.control.walk.clone(),
+            asked_speed: AskedSpeed::new(config),
             toes: ToeLengths::new(&config.robot.toe),
             motion: Motion::Stand,
-            since: Stamp::NEVER,
             first_step: 0,
             stop_step: 0,
             walked_m_s: 0.0,
@@ -87,7 +86,7 @@ impl Walk {
             recovery.reset(now, e);
         }
         self.motion = Motion::Stand;
-        self.since = now;
+        self.asked_speed.reset(now);
         self.last = now;
         self.moved = now;
         self.asked = now;
@@ -96,17 +95,9 @@ impl Walk {
         self.gait.reset();
     }
 
-    /// Speed asked for at a time since arming, m/s.
-    fn speed_m_s(&self, armed_s: f64) -> f64 {
-        let s = &self.schedule;
-        let walks = armed_s >= s.start_s && s.stop_s.is_none_or(|stop| armed_s < stop);
-        let asked_m_s = s.speeds.iter().rev().find(|[from_s, _]| armed_s >= *from_s).map_or(s.speed_m_s, |[_, v]| *v);
-        if walks { asked_m_s } else { 0.0 }
-    }
-
     /// Torque and toes, and what it is about.
     pub(super) fn step(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) -> (Wish, ControlState) {
-        let speed_m_s = self.speed_m_s(now.since(self.since).as_s());
+        let speed_m_s = self.asked_speed.m_s(now, seen);
         if e.steps != self.steps {
             self.steps = e.steps;
             self.landed = now;

@@ -36,6 +36,9 @@ message! {
         pub dead_man: bool,
         /// Ticks came late: terms that need the right phase (friction compensation, feed-forward) shall be off.
         pub late: bool,
+        /// Walking speed that the operator's stick asks for, m/s; 0 from a hand that lets go, is not heard of, or says what
+        /// no stick can say.
+        pub asked_m_s: f64,
     }
 }
 

@@ -71,6 +71,8 @@ message! {
         pub zeroings: u32,
         /// Hip angle at the newest confirmation, inner minus outer, rad; 0 with the legs aligned.
         pub zero_angle_rad: f64,
+        /// Walking speed that a stick in this hand asks for, m/s; 0 at rest, and without a stick.
+        pub speed_m_s: f64,
     }
 }
 

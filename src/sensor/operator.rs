@@ -11,7 +11,7 @@ pub mod remote;
 pub mod socket;
 
 use crate::base::time::{Span, Stamp};
-use crate::config::checked::{Config, Operator};
+use crate::config::checked::{Config, Operator, Walk};
 use crate::msg::{FaultCode, Mode, OperatorSample, Status};
 use aside::AsideHand;
 use socket::{Refusals, SocketHand};
@@ -52,11 +52,11 @@ impl Hand {
         Ok(match &config.robot.operator {
             Operator::Simulated => Self::Simulated(SimulatedHand::new(config)),
             Operator::Socket(path) => {
-                Self::Socket(SocketHand::bind(Path::new(path), config.robot.limits.operator_age)?)
+                Self::Socket(SocketHand::bind(Path::new(path), config.robot.limits.operator_age, highest_m_s(config))?)
             }
-            Operator::Device(at) => Self::Device(device::open(at)?),
+            Operator::Device(at) => Self::Device(device::open(at, config.robot.operator_speed)?),
             Operator::Remote(at) => {
-                let (hand, refused) = remote::open(at, config.robot.limits.operator_age)?;
+                let (hand, refused) = remote::open(at, config.robot.limits.operator_age, highest_m_s(config))?;
                 Self::Remote(hand, refused)
             }
         })
@@ -82,6 +82,11 @@ impl Hand {
     }
 }
 
+/// What the person's stick asks for when it is pushed all the way, m/s; none if the robot wants no stick.
+fn highest_m_s(config: &Config) -> Option<f64> {
+    config.robot.operator_speed.map(|speed| speed.highest_m_s)
+}
+
 /// What a hand's source refuses, counted while it runs.
 #[derive(Clone, Debug)]
 pub enum Refused {
@@ -96,7 +101,8 @@ pub enum Refused {
 /// A person who does what the robot needs: confirms the hip's zero (the legs stand as `sim.initial_angle_rad` says), holds
 /// the switch while the toes look for theirs, then presses at the planned time, as soon as nothing stands in the way, and
 /// holds until the release if there is one. Tries again when the robot did not arm; after a fault it lets the robot lie.
-#[derive(Clone, Copy, Debug)]
+/// A stick, if the robot wants one, it pushes as `control.walk` says.
+#[derive(Clone, Debug)]
 pub struct SimulatedHand {
     press: Span,
     release: Option<Span>,
@@ -114,6 +120,9 @@ pub struct SimulatedHand {
     /// After a fault it lets go and presses again.
     rearms: bool,
     since_fault: Option<Stamp>,
+    /// How it pushes the stick, and the speed at the stick's end, m/s.
+    stick: Option<(Walk, f64)>,
+    since_armed: Option<Stamp>,
 }
 
 impl SimulatedHand {
@@ -137,12 +146,14 @@ impl SimulatedHand {
             sequence: 0,
             rearms: false,
             since_fault: None,
+            stick: highest_m_s(config).map(|highest_m_s| (config.control.walk.clone(), highest_m_s)),
+            since_armed: None,
         }
     }
 
     /// The same hand, which after a fault lets go, presses again, and so on until the robot is armed.
     #[must_use]
-    pub const fn rearming(self) -> Self {
+    pub fn rearming(self) -> Self {
         Self { rearms: true, ..self }
     }
 
@@ -162,7 +173,19 @@ impl SimulatedHand {
             sequence: self.sequence,
             zeroings: self.zeroings,
             zero_angle_rad: self.zero_angle_rad,
+            speed_m_s: self.pushes_stick(now, seen),
         }
+    }
+
+    /// Speed that it asks for while the robot is armed, m/s.
+    fn pushes_stick(&mut self, now: Stamp, seen: &Status) -> f64 {
+        let Some((schedule, highest_m_s)) = &self.stick else { return 0.0 };
+        if seen.mode != Mode::Armed {
+            self.since_armed = None;
+            return 0.0;
+        }
+        let since = *self.since_armed.get_or_insert(now);
+        schedule.speed_at_m_s(now.since(since).as_s()).min(*highest_m_s)
     }
 
     /// After a fault: open for a moment, then pressed for a while, and again. `None` while there is none to come back from.
@@ -251,6 +274,20 @@ mod tests {
         let held: Vec<bool> = (0..3_000).map(|ms| hand.poll(at(ms), &seen(Mode::Disarmed)).dead_man).collect();
         let presses = held.windows(2).filter(|pair| pair[1] && !pair[0]).count();
         assert_eq!(presses, 3, "at 500, 1700 and 2900 ms");
+    }
+
+    #[test]
+    fn the_simulated_hand_pushes_the_stick_as_the_schedule_says_while_the_robot_is_armed() {
+        let keys = ["control.walk.start_s=1.0", "control.walk.speed_m_s=0.6", "control.walk.stop_s=3.0"];
+        let stick = "robot.operator.speed={ highest_m_s = 0.5, rate_m_s2 = 0.2 }";
+        let mut pushing = hand(&[&keys[..], &[stick]].concat());
+        assert!((0..2_000).all(|ms| pushing.poll(at(ms), &seen(Mode::Arming)).speed_m_s <= 0.0));
+        let asked: Vec<f64> = (0..4_000).map(|ms| pushing.poll(at(2_000 + ms), &seen(Mode::Armed)).speed_m_s).collect();
+        let pushed: Vec<usize> = (0..4_000).filter(|ms| asked[*ms] > 0.0).collect();
+        assert_eq!((pushed.first(), pushed.last()), (Some(&1_000), Some(&2_999)));
+        assert!((asked[1_500] - 0.5).abs() < 1e-12, "no stick asks for more than its end: {}", asked[1_500]);
+        let mut without = hand(&keys);
+        assert!((0..4_000).all(|ms| without.poll(at(ms), &seen(Mode::Armed)).speed_m_s <= 0.0));
     }
 
     #[test]

@@ -1,8 +1,11 @@
 //! Balance on the full simulated robot: elastic hip, stiction, IMU errors, quantisation, bus time, real bytes.
 
 use super::*;
+use crate::config::checked::Stick;
 use crate::config::load;
-use crate::msg::{Drive, FaultCode, LawName, Mode, Motion, ZeroState};
+use crate::msg::{Drive, FaultCode, LawName, Mode, Motion, OperatorSample, ZeroState};
+use crate::record::replay::first_difference;
+use crate::sensor::operator::device::{self, Look};
 use crate::sim::scenario::{self, Summary};
 
 const INNER: [&str; 0] = [];
@@ -55,6 +58,43 @@ fn a_walk_that_is_told_to_stop_rests_on_both_feet_without_torque() {
     for seed in 1..=4 {
         stops_and_rests(&[&["control.walk.stop_s=8.0", &format!("sim.seed={seed}")]], 22);
     }
+}
+
+/// The looks of a device's reader, every tick, with the stick at these counts of its axis; the switch as the simulated hand
+/// has it. Beside it a second tick takes the same inputs.
+#[test]
+fn a_stick_makes_it_walk_and_stop_and_the_tick_replays_to_the_bit() {
+    let stick = Stick { axis: 1, rest: 128, full: 0, dead_zone: 0.1 };
+    let config = config(&[&WALKS, &["robot.operator.speed={ highest_m_s = 0.5, rate_m_s2 = 0.5 }"]]);
+    let (mut lockstep, mut again) = (Lockstep::new(&config).unwrap(), Tick::new(&config).unwrap());
+    let (mut device, mut replayed) = (device::Watch::new(None), TickRecord::default());
+    // The schedule has nothing to say: it would make the robot walk long before.
+    let mut seen = Vec::new();
+    for ms in 0..24_000 {
+        let counts = if (6_000..14_000).contains(&ms) { 26 } else { 128 };
+        let now = lockstep.now();
+        let record = lockstep.step_with(|input| {
+            let hand = input.operator;
+            let speed_m_s = 0.5 * stick.share(counts);
+            let look = Look { held: hand.dead_man, speed_m_s, ..Look::default() };
+            let (zeroings, zero_angle_rad) = (hand.zeroings, hand.zero_angle_rad);
+            input.operator = OperatorSample { zeroings, zero_angle_rad, ..device.take(now, Some(look)) };
+        });
+        again.step(&record.input, &mut replayed);
+        if ms % 50 == 0 {
+            assert_eq!(first_difference(record, &replayed), None);
+        }
+        seen.push((record.status.mode, record.control.motion, record.control.speed_m_s, record.estimate.steps));
+    }
+    let (mode, motion, speed_m_s, steps) = seen[5_999];
+    assert!(mode == Mode::Armed && motion == Motion::Stand && speed_m_s <= 0.0 && steps == 0, "{:?}", seen[5_999]);
+    let (mode, motion, speed_m_s, steps) = seen[13_999];
+    println!("pushed: {:?}, at the end {:?}", seen[13_999], seen[23_999]);
+    // 102 of 128 counts, less the tenth.
+    assert!((speed_m_s - 0.5 * (102.0 / 128.0 - 0.1) / 0.9).abs() < 1e-9, "{speed_m_s}");
+    assert!(mode == Mode::Armed && motion == Motion::Walk && steps > 4, "{steps}");
+    let (mode, motion, speed_m_s, _) = seen[23_999];
+    assert!(mode == Mode::Armed && motion == Motion::Rest && speed_m_s <= 0.0, "{mode:?} {motion:?}");
 }
 
 /// As in config/experiments/stop.toml. These turn back in the middle of a step, with their legs side by side: astride they

@@ -156,6 +156,13 @@ fn draw_angles(frame: &mut Frame<'_>, area: Rect, state: &State) {
     ];
     let doing = &state.tick.control;
     let title = match doing.motion {
+        Motion::Stand if doing.speed_m_s > 0.0 => {
+            format!(" legs: {}, {:.2} m/s asked ", doing.law.name(), doing.speed_m_s)
+        }
+        // Pushed since before the arming: it does not count until it was at rest.
+        Motion::Stand if state.tick.snapshot.asked_m_s > 0.0 => {
+            format!(" legs: {}, stick is pushed: let it rest first ", doing.law.name())
+        }
         Motion::Stand => format!(" legs: {} ", doing.law.name()),
         _ => format!(
             " legs: {} by {}, step {}, {:.0} %, {:.2} m/s asked ",

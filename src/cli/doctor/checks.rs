@@ -3,7 +3,7 @@
 use super::{Finding, Verdict};
 use crate::bus::socketcan::link_report;
 use crate::cli::imu_probe;
-use crate::config::checked::{BusBackend, BusConfig, Config, Imu, Operator, SerialBackend, Thread};
+use crate::config::checked::{BusBackend, BusConfig, Config, Imu, Operator, Robot, SerialBackend, Thread};
 use crate::record::storage;
 use crate::rt::thread::{self, Awake, Missing};
 use crate::sensor::operator::evdev::InputDevice;
@@ -38,7 +38,7 @@ pub(super) fn all(config: &Config, record: &Path) -> Vec<Finding> {
         findings.push(serial(path));
         findings.push(imu_answer(path, &config.robot.imu));
     }
-    findings.extend(operator(&config.robot.operator));
+    findings.extend(operator(&config.robot));
     findings
 }
 
@@ -56,12 +56,15 @@ fn imu_answer(path: &str, imu: &Imu) -> Finding {
 }
 
 /// The dead-man's device or secret.
-fn operator(operator: &Operator) -> Option<Finding> {
-    let (what, result, remedy) = match operator {
+fn operator(robot: &Robot) -> Option<Finding> {
+    let (what, result, remedy) = match &robot.operator {
         Operator::Simulated | Operator::Socket(_) => return None,
         Operator::Device(device) => (
             format!("dead-man: {}", device.path),
-            InputDevice::with_key(Path::new(&device.path), device.key).map(drop),
+            InputDevice::with_key(Path::new(&device.path), device.key).and_then(|device| {
+                let stick = robot.operator_speed.and_then(|speed| speed.stick);
+                stick.map_or(Ok(()), |stick| device.require_stick(&stick))
+            }),
             "plug it in; name it by /dev/input/by-id; SupplementaryGroups=input and DeviceAllow=char-input r",
         ),
         Operator::Remote(remote) => (

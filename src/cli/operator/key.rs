@@ -2,7 +2,7 @@
 
 use crate::base::time::Span;
 use crate::cli::UsageError;
-use crate::config::checked::Heartbeat;
+use crate::config::checked::{Heartbeat, Stick};
 use crate::rt::clock;
 use crate::sensor::operator::device::{Look, Watch};
 use crate::sensor::operator::evdev::InputDevice;
@@ -18,10 +18,10 @@ use std::time::{Duration, Instant};
 const LONGEST_GAP: Duration = Duration::from_millis(100);
 
 /// What the person does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::cli) enum KeyState {
-    /// The switch is held, or not.
-    Switch(bool),
+    /// The switch is held, or not; how far the stick beside it is pushed, if there is one, 0 to 1.
+    Switch { held: bool, stick: Option<f64> },
     /// Confirms the hip's zero.
     Zero,
     /// Wants to end.
@@ -45,6 +45,37 @@ pub(in crate::cli) struct KeyArgs {
     /// The axis moves at least once in this time, or the key counts as let go
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u16).range(20..=1000), requires = "heartbeat_axis")]
     heartbeat_ms: Option<u16>,
+    /// Number of the axis by which the person asks for the walking speed (1 is ABS_Y); the robot must want it:
+    /// robot.operator.speed
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..0x40),
+        requires = "device", requires = "speed_rest", requires = "speed_full")]
+    speed_axis: Option<u16>,
+    /// Where it stands when nobody touches it, counts of the device (`evtest` shows them)
+    #[arg(long, value_name = "COUNTS", allow_negative_numbers = true, requires = "speed_axis")]
+    speed_rest: Option<i32>,
+    /// Where it stands when it is pushed all the way, which asks for robot.operator.speed.highest_m_s
+    #[arg(long, value_name = "COUNTS", allow_negative_numbers = true, requires = "speed_axis")]
+    speed_full: Option<i32>,
+    /// Share of its way that still counts as rest, 0 to 0.9
+    #[arg(long, value_name = "SHARE", default_value_t = 0.1, requires = "speed_axis")]
+    speed_dead_zone: f64,
+}
+
+impl KeyArgs {
+    /// The stick, if there is one.
+    fn stick(&self) -> Result<Option<Stick>, UsageError> {
+        let (Some(axis), Some(rest), Some(full)) = (self.speed_axis, self.speed_rest, self.speed_full) else {
+            return Ok(None);
+        };
+        if rest == full {
+            return Err(UsageError(format!("--speed-full {full}: must be another place than --speed-rest")));
+        }
+        let dead_zone = self.speed_dead_zone;
+        if !(0.0..=0.9).contains(&dead_zone) {
+            return Err(UsageError(format!("--speed-dead-zone {dead_zone}: must be 0 to 0.9")));
+        }
+        Ok(Some(Stick { axis, rest, full, dead_zone }))
+    }
 }
 
 /// A key.
@@ -58,11 +89,12 @@ pub(in crate::cli) struct DeviceKey {
     device: InputDevice,
     number: u16,
     heartbeat: Option<Heartbeat>,
+    stick: Option<Stick>,
     watch: Watch,
 }
 
 impl DeviceKey {
-    fn open(path: &Path, args: &KeyArgs) -> io::Result<Self> {
+    fn open(path: &Path, args: &KeyArgs, stick: Option<Stick>) -> io::Result<Self> {
         let device = InputDevice::with_key(path, args.key)?;
         let within = |ms: u16| Span::from_ms(i64::from(ms));
         let heartbeat = args.heartbeat_axis.zip(args.heartbeat_ms);
@@ -70,14 +102,21 @@ impl DeviceKey {
         if let Some(heartbeat) = heartbeat {
             device.require_axis(heartbeat.axis)?;
         }
-        Ok(Self { device, number: args.key, heartbeat, watch: Watch::new(heartbeat) })
+        if let Some(stick) = &stick {
+            device.require_stick(stick)?;
+        }
+        Ok(Self { device, number: args.key, heartbeat, stick, watch: Watch::new(heartbeat) })
     }
 
-    /// Held, by the same rules as a device of the robot itself: seen released first, and alive.
-    fn is_held(&mut self) -> io::Result<bool> {
+    /// Held, by the same rules as a device of the robot itself: seen released first, and alive. A stick counts while it is.
+    fn state(&mut self) -> io::Result<KeyState> {
         let [held] = self.device.down([self.number])?;
         let axis = self.heartbeat.map(|heartbeat| self.device.axis(heartbeat.axis)).transpose()?;
-        Ok(self.watch.take(clock::now(), Some(Look { held, zero: false, axis })).dead_man)
+        let held = self.watch.take(clock::now(), Some(Look { held, axis, ..Look::default() })).dead_man;
+        let pushed = |stick: Stick| -> io::Result<f64> {
+            Ok(if held { stick.share(self.device.axis(stick.axis)?) } else { 0.0 })
+        };
+        Ok(KeyState::Switch { held, stick: self.stick.map(pushed).transpose()? })
     }
 }
 
@@ -92,7 +131,8 @@ impl Key {
     pub(in crate::cli) fn open(args: &KeyArgs) -> anyhow::Result<Self> {
         match &args.device {
             Some(path) => {
-                DeviceKey::open(path, args).map(Self::Device).with_context(|| format!("--device {}", path.display()))
+                let key = DeviceKey::open(path, args, args.stick()?);
+                key.map(Self::Device).with_context(|| format!("--device {}", path.display()))
             }
             None if io::stdin().is_terminal() => Ok(Self::terminal()?),
             None => {
@@ -107,7 +147,7 @@ impl Key {
         match self {
             Self::Device(key) => {
                 sleep(pause);
-                key.is_held().map(KeyState::Switch)
+                key.state()
             }
             Self::Terminal(repeats) => wait_in_terminal(repeats, pause),
         }
@@ -139,7 +179,7 @@ fn wait_in_terminal(repeats: &mut Repeats, pause: Duration) -> io::Result<KeySta
             _ => *repeats = Repeats::default(),
         }
     }
-    Ok(KeyState::Switch(repeats.is_held(Instant::now())))
+    Ok(KeyState::Switch { held: repeats.is_held(Instant::now()), stick: None })
 }
 
 /// A key of a terminal: it is held while it repeats without a gap. The first stroke alone is no holding.

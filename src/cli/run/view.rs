@@ -145,12 +145,12 @@ fn in_words(refused: &Refused) -> (u32, String) {
             (count, format!("a second sender for the dead-man switch is refused: process {process}, {count} times"))
         }
         Refused::Datagrams(refused) => {
-            let [malformed, forged, second] = refused.counts();
+            let [malformed, forged, second, stick] = refused.counts();
             let text = format!(
                 "refused at the dead-man's port so far: {forged} datagrams not authentic, {malformed} malformed, \
-                 {second} of a second hand"
+                 {second} of a second hand, {stick} of a stick (robot.operator.speed is not configured)"
             );
-            (malformed.saturating_add(forged).saturating_add(second), text)
+            (malformed.saturating_add(forged).saturating_add(second).saturating_add(stick), text)
         }
     }
 }

@@ -7,7 +7,7 @@
 use super::aside::{AsideHand, Desk, now, sleep_until};
 use super::evdev::InputDevice;
 use crate::base::time::{Span, Stamp};
-use crate::config::checked::{Heartbeat, OperatorDevice};
+use crate::config::checked::{Heartbeat, OperatorDevice, OperatorSpeed};
 use crate::msg::OperatorSample;
 use std::io;
 use std::path::Path;
@@ -21,31 +21,34 @@ const OPEN_EVERY: Span = Span::from_ms(200);
 ///
 /// # Errors
 /// When the device is not there or lacks a key or an axis.
-pub(super) fn open(config: &OperatorDevice) -> io::Result<AsideHand> {
-    let device = open_device(config)?;
+pub(super) fn open(config: &OperatorDevice, speed: Option<OperatorSpeed>) -> io::Result<AsideHand> {
+    let device = open_device(config, speed)?;
     let config = config.clone();
-    AsideHand::start(move |desk| look_after(desk, &config, device))
+    AsideHand::start(move |desk| look_after(desk, &config, speed, device))
 }
 
-fn open_device(config: &OperatorDevice) -> io::Result<InputDevice> {
+fn open_device(config: &OperatorDevice, speed: Option<OperatorSpeed>) -> io::Result<InputDevice> {
     let device = InputDevice::with_key(Path::new(&config.path), config.key)?;
     if let Some(heartbeat) = config.heartbeat {
         device.require_axis(heartbeat.axis)?;
+    }
+    if let Some(stick) = speed.and_then(|speed| speed.stick) {
+        device.require_stick(&stick)?;
     }
     Ok(device)
 }
 
 /// Looks at the key until nobody needs it.
-fn look_after(desk: &Desk, config: &OperatorDevice, device: InputDevice) {
+fn look_after(desk: &Desk, config: &OperatorDevice, speed: Option<OperatorSpeed>, device: InputDevice) {
     let mut device = Some(device);
     let mut watch = Watch::new(config.heartbeat);
     let (mut next, mut next_opening) = (now(), now());
     while !desk.is_over() {
         if device.is_none() && next >= next_opening {
-            device = open_device(config).ok();
+            device = open_device(config, speed).ok();
             next_opening = next + OPEN_EVERY;
         }
-        let look = device.as_ref().and_then(|device| look_at(device, config).ok());
+        let look = device.as_ref().and_then(|device| look_at(device, config, speed).ok());
         if look.is_none() {
             device = None;
         }
@@ -55,14 +58,18 @@ fn look_after(desk: &Desk, config: &OperatorDevice, device: InputDevice) {
     }
 }
 
-fn look_at(device: &InputDevice, config: &OperatorDevice) -> io::Result<Look> {
+fn look_at(device: &InputDevice, config: &OperatorDevice, speed: Option<OperatorSpeed>) -> io::Result<Look> {
     let [held, zero] = device.down([config.key, config.zero_key])?;
     let axis = config.heartbeat.map(|heartbeat| device.axis(heartbeat.axis)).transpose()?;
-    Ok(Look { held, zero, axis })
+    let mut speed_m_s = 0.0;
+    if let Some((speed, stick)) = speed.and_then(|speed| Some((speed, speed.stick?))) {
+        speed_m_s = speed.highest_m_s * stick.share(device.axis(stick.axis)?);
+    }
+    Ok(Look { held, zero, axis, speed_m_s })
 }
 
 /// What the device shows in one look.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Look {
     /// The dead-man key is down.
     pub held: bool,
@@ -70,6 +77,8 @@ pub struct Look {
     pub zero: bool,
     /// Where the axis of the heartbeat stands.
     pub axis: Option<i32>,
+    /// What the stick asks for, m/s.
+    pub speed_m_s: f64,
 }
 
 /// Judges what the looks mean.
@@ -96,6 +105,7 @@ impl Watch {
     pub fn take(&mut self, now: Stamp, look: Option<Look>) -> OperatorSample {
         let Some(look) = look.filter(|look| self.lives(now, look)) else {
             (self.doubt, self.zero_was_down, self.sample.dead_man) = (true, true, false);
+            self.sample.speed_m_s = 0.0;
             return self.sample;
         };
         self.doubt &= look.held;
@@ -108,6 +118,7 @@ impl Watch {
             zeroings: self.sample.zeroings.wrapping_add(u32::from(confirms)),
             // The key means aligned legs.
             zero_angle_rad: 0.0,
+            speed_m_s: if look.held && !self.doubt { look.speed_m_s } else { 0.0 },
         };
         self.sample
     }
@@ -133,8 +144,8 @@ mod tests {
         Stamp(5_000_000_000) + Span::from_ms(ms)
     }
 
-    const HELD: Look = Look { held: true, zero: false, axis: None };
-    const OPEN: Look = Look { held: false, zero: false, axis: None };
+    const HELD: Look = Look { held: true, zero: false, axis: None, speed_m_s: 0.0 };
+    const OPEN: Look = Look { held: false, ..HELD };
 
     /// Looks every 10 ms; what the hand says after each: held, and whether it lives.
     fn say(watch: &mut Watch, from_ms: i64, looks: &[Option<Look>]) -> Vec<(bool, bool)> {
@@ -165,7 +176,7 @@ mod tests {
     #[test]
     fn a_wireless_pad_whose_axis_stands_still_is_a_dead_radio() {
         let mut watch = Watch::new(Some(Heartbeat { axis: 1, within: Span::from_ms(50) }));
-        let look = |held, axis| Some(Look { held, zero: false, axis: Some(axis) });
+        let look = |held, axis| Some(Look { held, axis: Some(axis), ..OPEN });
         // The receiver repeats its last state: that is no life, from the start on.
         assert!(say(&mut watch, 0, &[look(false, 7); 20]).iter().all(|said| !said.1));
         // The axis trembles: alive. Release seen, pressed: held.
@@ -185,11 +196,23 @@ mod tests {
     #[test]
     fn the_zero_is_confirmed_by_an_edge_of_its_key_with_the_switch_open() {
         let mut watch = Watch::new(None);
-        let both = Look { held: true, zero: true, axis: None };
+        let both = Look { zero: true, ..HELD };
         let zero = Look { zero: true, ..OPEN };
         let looks = [zero, zero, OPEN, zero, zero, OPEN, HELD, both, HELD];
         say(&mut watch, 0, &looks.map(Some));
         assert_eq!(watch.sample.zeroings, 1, "not at the start, not while the switch is held");
+    }
+
+    #[test]
+    fn the_stick_counts_only_while_a_living_hand_holds_the_switch() {
+        let mut watch = Watch::new(None);
+        let pushed = |look: Look| Some(Look { speed_m_s: 0.3, ..look });
+        let speeds = |watch: &mut Watch, looks: &[Option<Look>]| {
+            looks.iter().enumerate().map(|(i, look)| watch.take(at(10 * i as i64), *look).speed_m_s).collect::<Vec<_>>()
+        };
+        let looks =
+            [pushed(HELD), pushed(OPEN), pushed(HELD), None, pushed(HELD), pushed(OPEN), pushed(HELD), Some(HELD)];
+        assert_eq!(speeds(&mut watch, &looks), [0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.3, 0.0]);
     }
 
     /// Reading a real device: `COMPASS_TEST_INPUT=/dev/input/eventN:KEY` names it. Needs a key that nobody holds.
@@ -199,7 +222,7 @@ mod tests {
         let (path, key) = name.rsplit_once(':').unwrap();
         let key = key.parse().unwrap();
         let config = OperatorDevice { path: path.into(), key, zero_key: key, heartbeat: None };
-        let mut hand = open(&config).unwrap();
+        let mut hand = open(&config, None).unwrap();
         sleep_until(now() + Span::from_ms(100));
         let sample = hand.poll(now(), &crate::msg::Status::default());
         assert!(!sample.dead_man && now().since(sample.stamp) < Span::from_ms(100), "{sample:?}");

@@ -4,6 +4,7 @@
 //! the kernel keeps is always whole, and asking for it fails when the device is unplugged.
 #![expect(unsafe_code, reason = "the state of keys and axes has no safe wrapper in our dependencies")]
 
+use crate::config::checked::Stick;
 use std::fs::File;
 use std::io;
 use std::os::fd::AsRawFd;
@@ -62,8 +63,28 @@ impl InputDevice {
     /// # Errors
     /// When the device is gone.
     pub fn axis(&self, axis: u16) -> io::Result<i32> {
-        let [a, b, c, d, ..]: [u8; 24] = self.ask(STATE_OF_AXIS + libc::c_ulong::from(axis & MOST_AXES))?;
-        Ok(i32::from_ne_bytes([a, b, c, d]))
+        let [value, ..] = self.state_of_axis(axis)?;
+        Ok(value)
+    }
+
+    /// Looks whether it has the axis of a stick, and whether that goes where the stick is said to go.
+    ///
+    /// # Errors
+    /// When it lacks the axis, has another range, or is gone.
+    pub fn require_stick(&self, stick: &Stick) -> io::Result<()> {
+        self.require_axis(stick.axis)?;
+        let [_, least, most, ..] = self.state_of_axis(stick.axis)?;
+        stays_within(stick, least, most)
+    }
+
+    /// Value, least and greatest value, and what does not matter here (`input_absinfo`).
+    fn state_of_axis(&self, axis: u16) -> io::Result<[i32; 6]> {
+        let bytes: [u8; 24] = self.ask(STATE_OF_AXIS + libc::c_ulong::from(axis & MOST_AXES))?;
+        let mut words = [0; 6];
+        for (word, bytes) in words.iter_mut().zip(bytes.as_chunks::<4>().0) {
+            *word = i32::from_ne_bytes(*bytes);
+        }
+        Ok(words)
     }
 
     /// The answer to a request for so many bytes.
@@ -83,6 +104,19 @@ fn is_set(bits: &[u8], number: u16) -> bool {
     bits.get(usize::from(number / 8)).is_some_and(|byte| byte & (1 << (number % 8)) != 0)
 }
 
+/// A stick that goes beyond its axis would be one of another device.
+fn stays_within(stick: &Stick, least: i32, most: i32) -> io::Result<()> {
+    let outside = [("rest_counts", stick.rest), ("full_counts", stick.full)];
+    match outside.into_iter().find(|(_, place)| !(least..=most).contains(place)) {
+        None => Ok(()),
+        Some((key, place)) => {
+            let what =
+                format!("its axis {} goes from {least} to {most} counts: {key} = {place} is outside", stick.axis);
+            Err(io::Error::new(io::ErrorKind::InvalidInput, what))
+        }
+    }
+}
+
 fn missing(what: &'static str) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, what)
 }
@@ -95,6 +129,18 @@ mod tests {
     fn what_is_no_input_device_is_refused() {
         assert!(InputDevice::with_key(Path::new("/dev/null"), 57).is_err());
         assert!(InputDevice::with_key(Path::new("/nowhere"), 57).is_err());
+    }
+
+    #[test]
+    fn a_stick_must_stay_within_its_axis_and_is_pushed_from_its_rest_on() {
+        let stick = Stick { axis: 1, rest: 128, full: 0, dead_zone: 0.25 };
+        assert!(stays_within(&stick, 0, 255).is_ok());
+        let told = stays_within(&Stick { full: -32_768, ..stick }, 0, 255).unwrap_err().to_string();
+        assert_eq!(told, "its axis 1 goes from 0 to 255 counts: full_counts = -32768 is outside");
+        let shares = [255, 128, 96, 72, 48, 0, -500].map(|counts| stick.share(counts));
+        let expected = [0.0, 0.0, 0.0, 0.25, 0.5, 1.0, 1.0];
+        assert!(shares.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{shares:?}");
+        assert!((Stick { full: 256, ..stick }.share(256) - 1.0).abs() < 1e-12 && stick.share(i32::MAX) <= 0.0);
     }
 
     #[test]

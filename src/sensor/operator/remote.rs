@@ -44,13 +44,16 @@ pub struct Refused {
     malformed: AtomicU32,
     not_authentic: AtomicU32,
     second_hand: AtomicU32,
+    unwanted_stick: AtomicU32,
 }
 
 impl Refused {
-    /// Datagrams of another making, datagrams that were not authentic, and those of a second hand.
+    /// Datagrams of another making, datagrams that were not authentic, those of a second hand, and those of a stick that the
+    /// robot does not want.
     #[must_use]
-    pub fn counts(&self) -> [u32; 3] {
-        [&self.malformed, &self.not_authentic, &self.second_hand].map(|count| count.load(Ordering::Relaxed))
+    pub fn counts(&self) -> [u32; 4] {
+        [&self.malformed, &self.not_authentic, &self.second_hand, &self.unwanted_stick]
+            .map(|count| count.load(Ordering::Relaxed))
     }
 }
 

@@ -6,6 +6,10 @@
 //! | `0` | the switch is open |
 //! | `1` | it is held |
 //! | `2`, then a double (little endian) | the hip stands at this angle now, inner minus outer, rad: its zero |
+//! | `3`, `0` or `1`, then a double (little endian) | the switch, and how far the stick beside it is pushed, 0 to 1 |
+//!
+//! A robot without `robot.operator.speed` does not take a `3`: it would walk by its schedule under a hand that believes to stop
+//! it by the stick. One with it takes `0` and `1` for a stick at rest.
 //!
 //! One sender holds the switch: the process that was heard first, as the kernel names it (datagrams have no address). A
 //! second one is refused and told, or two would make one another's "fresh edge". Another may take over once the first
@@ -35,12 +39,21 @@ pub const OPEN: u8 = 0;
 pub const HELD: u8 = 1;
 /// First byte of a zero.
 pub const ZERO: u8 = 2;
+/// First byte of a switch with a stick.
+pub const STICK: u8 = 3;
 
 /// A zero as bytes.
 #[must_use]
 pub fn zero_datagram(angle_rad: f64) -> [u8; 9] {
     let [a, b, c, d, e, f, g, h] = angle_rad.to_le_bytes();
     [ZERO, a, b, c, d, e, f, g, h]
+}
+
+/// A switch with a stick as bytes.
+#[must_use]
+pub fn stick_datagram(held: bool, share: f64) -> [u8; 10] {
+    let [a, b, c, d, e, f, g, h] = share.to_le_bytes();
+    [STICK, u8::from(held), a, b, c, d, e, f, g, h]
 }
 
 /// Senders that were refused because another one has the switch.
@@ -70,6 +83,8 @@ struct Owner {
 pub struct SocketHand {
     socket: UnixDatagram,
     owner: Option<Owner>,
+    /// What a stick asks for at its end, m/s; none if no stick is wanted.
+    highest_m_s: Option<f64>,
     handover: Span,
     newest: OperatorSample,
     /// When nothing waited here last.
@@ -82,7 +97,7 @@ impl SocketHand {
     ///
     /// # Errors
     /// When the path cannot be bound, holds something else than a socket, or somebody listens there.
-    pub fn bind(path: &Path, operator_age: Span) -> io::Result<Self> {
+    pub fn bind(path: &Path, operator_age: Span, highest_m_s: Option<f64>) -> io::Result<Self> {
         socket_file::clear_the_way(path, |path| Ok(UnixDatagram::unbound()?.connect(path).is_ok()))?;
         let socket = UnixDatagram::bind(path)?;
         socket_file::open_to_the_group(path)?;
@@ -93,6 +108,7 @@ impl SocketHand {
         Ok(Self {
             socket,
             owner: None,
+            highest_m_s,
             handover: HANDOVER.max(operator_age),
             newest: OperatorSample { stamp: Stamp::NEVER, ..OperatorSample::default() },
             emptied: Stamp::NEVER,
@@ -116,15 +132,26 @@ impl SocketHand {
             };
             let sent = sent_at(now, datagram.age, self.emptied);
             match bytes.get(..datagram.len) {
-                Some([switch @ (OPEN | HELD)]) => self.hear(sent, datagram.process, *switch == HELD),
+                Some([switch @ (OPEN | HELD)]) => self.hear(sent, datagram.process, *switch == HELD, 0.0),
                 Some([ZERO, angle @ ..]) => self.take_zero(angle),
+                Some([STICK, switch @ (OPEN | HELD), share @ ..]) => {
+                    if let Some(speed_m_s) = self.speed_m_s(share) {
+                        self.hear(sent, datagram.process, *switch == HELD, speed_m_s);
+                    }
+                }
                 _ => {}
             }
         }
         self.newest
     }
 
-    fn hear(&mut self, sent: Stamp, process: i32, dead_man: bool) {
+    /// What a stick asks for; `None` if none is wanted, or none is pushed so far.
+    fn speed_m_s(&self, share: &[u8]) -> Option<f64> {
+        let share = f64::from_le_bytes(share.try_into().ok()?);
+        self.highest_m_s.filter(|_| (0.0..=1.0).contains(&share)).map(|highest_m_s| share * highest_m_s)
+    }
+
+    fn hear(&mut self, sent: Stamp, process: i32, dead_man: bool, speed_m_s: f64) {
         // The kernel gives 0 for a process that it cannot name here (another PID namespace): it could be anybody.
         let taken = self.owner.is_some_and(|o| o.process != process && sent.since(o.heard) < self.handover);
         if taken || process <= 0 {
@@ -134,7 +161,7 @@ impl SocketHand {
         }
         self.owner = Some(Owner { process, heard: sent });
         let sequence = self.newest.sequence.wrapping_add(1);
-        self.newest = OperatorSample { stamp: sent, dead_man, sequence, ..self.newest };
+        self.newest = OperatorSample { stamp: sent, dead_man, sequence, speed_m_s, ..self.newest };
     }
 
     fn take_zero(&mut self, angle: &[u8]) {
@@ -238,9 +265,13 @@ mod tests {
     }
 
     fn bound() -> (tempfile::TempDir, std::path::PathBuf, SocketHand) {
+        bound_for(None)
+    }
+
+    fn bound_for(highest_m_s: Option<f64>) -> (tempfile::TempDir, std::path::PathBuf, SocketHand) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("hand");
-        let hand = SocketHand::bind(&path, AGE).unwrap();
+        let hand = SocketHand::bind(&path, AGE, highest_m_s).unwrap();
         (folder, path, hand)
     }
 
@@ -335,15 +366,40 @@ mod tests {
     }
 
     #[test]
+    fn a_stick_asks_for_its_share_of_the_highest_speed_and_nothing_that_no_stick_says_is_taken() {
+        let (_folder, path, mut hand) = bound_for(Some(0.5));
+        send(&path, &stick_datagram(true, 0.5));
+        let sample = hand.poll(at(0));
+        assert!(sample.dead_man && (sample.speed_m_s - 0.25).abs() < 1e-12, "{sample:?}");
+        let cut = &stick_datagram(true, 1.0)[..9];
+        let other = [STICK, 2, 0, 0, 0, 0, 0, 0, 0, 0];
+        for wrong in [f64::NAN, f64::INFINITY, -0.1, 1.1].map(|share| stick_datagram(true, share)).iter() {
+            send(&path, wrong);
+        }
+        send(&path, cut);
+        send(&path, &other);
+        assert_eq!(hand.poll(at(1)).sequence, 1);
+        send(&path, &[HELD]);
+        assert!(hand.poll(at(2)).dead_man && hand.poll(at(2)).speed_m_s <= 0.0, "a hand without a stick");
+    }
+
+    #[test]
+    fn a_robot_that_wants_no_stick_does_not_take_a_hand_that_has_one() {
+        let (_folder, path, mut hand) = bound();
+        send(&path, &stick_datagram(true, 0.0));
+        assert_eq!(hand.poll(at(0)).stamp, Stamp::NEVER);
+    }
+
+    #[test]
     fn the_group_may_write_and_nothing_but_a_dead_socket_is_removed() {
         let (folder, path, hand) = bound();
         assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o660);
-        assert_eq!(SocketHand::bind(&path, AGE).unwrap_err().kind(), ErrorKind::AddrInUse, "somebody listens");
+        assert_eq!(SocketHand::bind(&path, AGE, None).unwrap_err().kind(), ErrorKind::AddrInUse, "somebody listens");
         drop(hand);
-        assert!(SocketHand::bind(&path, AGE).is_ok(), "left behind by a dead process");
+        assert!(SocketHand::bind(&path, AGE, None).is_ok(), "left behind by a dead process");
         let file = folder.path().join("precious");
         fs::write(&file, "mine").unwrap();
-        assert_eq!(SocketHand::bind(&file, AGE).unwrap_err().kind(), ErrorKind::AlreadyExists);
+        assert_eq!(SocketHand::bind(&file, AGE, None).unwrap_err().kind(), ErrorKind::AlreadyExists);
         assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
     }
 }

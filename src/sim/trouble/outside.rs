@@ -53,21 +53,21 @@ impl Pad {
         self.let_go &= hand.dead_man;
         if hand.stamp >= self.next {
             self.next = hand.stamp + LOOK_EVERY;
-            self.show(hand.dead_man);
+            self.show(hand);
             self.sample = self.watch.take(hand.stamp, (!self.unplugged).then_some(self.look));
         }
         // The zero is confirmed by another way: the key means aligned legs.
         OperatorSample { zeroings: hand.zeroings, zero_angle_rad: hand.zero_angle_rad, ..self.sample }
     }
 
-    fn show(&mut self, pressed: bool) {
+    fn show(&mut self, hand: &OperatorSample) {
         if self.radio_dead {
             return;
         }
-        let held = (pressed && !self.let_go) || self.key_held;
+        let held = (hand.dead_man && !self.let_go) || self.key_held;
         // It trembles.
         let axis = self.look.axis.map_or(0, |axis| if self.axis_stuck { axis } else { 1 - axis });
-        self.look = Look { held, zero: false, axis: Some(axis) };
+        self.look = Look { held, zero: false, axis: Some(axis), speed_m_s: hand.speed_m_s };
     }
 }
 

@@ -26,11 +26,15 @@ const LONGEST_SECRET: usize = 4096;
 ///
 /// # Errors
 /// When the secret cannot be read or is too open, or the port is taken.
-pub(crate) fn open(config: &OperatorRemote, operator_age: Span) -> io::Result<(AsideHand, Arc<Refused>)> {
+pub(crate) fn open(
+    config: &OperatorRemote,
+    operator_age: Span,
+    highest_m_s: Option<f64>,
+) -> io::Result<(AsideHand, Arc<Refused>)> {
     let secret = read_secret(Path::new(&config.secret_file))?;
     let socket = UdpSocket::bind(config.listen)?;
     socket.set_read_timeout(Some(TURN))?;
-    let receiver = Receiver::new(secret, operator_age);
+    let receiver = Receiver::new(secret, operator_age, highest_m_s);
     let refused = receiver.refused();
     Ok((AsideHand::start(move |desk| serve(desk, &socket, receiver))?, refused))
 }

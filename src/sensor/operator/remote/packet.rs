@@ -6,6 +6,7 @@
 //! | 1 hello | person | 16 bytes of chance | secret |
 //! | 2 welcome | robot | the same 16, 16 of its own | secret |
 //! | 3 state | person | its 16, u64 number, u32 its clock (us), u32 the robot's clock as last told (us), u32 us since then (`FFFFFFFF`: never), u8 held, u32 zeros confirmed, f64 hip angle of the newest (rad) | session |
+//! | 5 state with stick | person | as 3, then f64 how far the stick is pushed (0 to 1) | session |
 //! | 4 view | robot | the person's 16, u64 number, u32 its clock (us), u8 mode, u8 first fault, u64 what keeps it from arming, u32 faults | session |
 //!
 //! The session's key is the HMAC-SHA256 with the secret over `compass session`, the person's 16 bytes and the robot's.
@@ -93,6 +94,8 @@ pub struct State {
     pub zeroings: u32,
     /// Hip angle at the newest, rad.
     pub zero_angle_rad: f64,
+    /// How far the stick beside the switch is pushed, 0 to 1; none without a stick.
+    pub stick: Option<f64>,
 }
 
 /// How the robot is: all that travels back.
@@ -141,7 +144,7 @@ impl Packet {
                 out.put(robot);
             }
             Self::State(person, state) => {
-                out.put(&[3]);
+                out.put(&[if state.stick.is_some() { 5 } else { 3 }]);
                 out.put(person);
                 out.put(&state.number.to_le_bytes());
                 out.put(&state.time_us.to_le_bytes());
@@ -150,6 +153,9 @@ impl Packet {
                 out.put(&[u8::from(state.held)]);
                 out.put(&state.zeroings.to_le_bytes());
                 out.put(&state.zero_angle_rad.to_le_bytes());
+                if let Some(share) = state.stick {
+                    out.put(&share.to_le_bytes());
+                }
             }
             Self::View(person, view) => {
                 out.put(&[4]);
@@ -176,6 +182,7 @@ impl Packet {
             1 => Self::Hello(person),
             2 => Self::Welcome(person, fields.take()?),
             3 => Self::State(person, fields.state()?),
+            5 => Self::State(person, fields.state_with_stick()?),
             4 => Self::View(person, fields.view()?),
             _ => return None,
         };
@@ -206,9 +213,16 @@ impl Fields<'_> {
             },
             zeroings: u32::from_le_bytes(self.take()?),
             zero_angle_rad: f64::from_le_bytes(self.take()?),
+            stick: None,
         };
         // NaN is no angle either.
         (state.zero_angle_rad.abs() <= std::f64::consts::PI).then_some(state)
+    }
+
+    fn state_with_stick(&mut self) -> Option<State> {
+        let state = self.state()?;
+        let share = f64::from_le_bytes(self.take()?);
+        (0.0..=1.0).contains(&share).then_some(State { stick: Some(share), ..state })
     }
 
     fn view(&mut self) -> Option<View> {

@@ -43,15 +43,18 @@ pub struct Receiver {
     next_welcome: Stamp,
     session: Option<Session>,
     operator_age: Span,
+    /// What a stick asks for at its end, m/s; none if no stick is wanted.
+    highest_m_s: Option<f64>,
     sample: OperatorSample,
     next_view: Stamp,
     refused: Arc<Refused>,
 }
 
 impl Receiver {
-    /// A round trip beyond `operator_age` is no hand that may press.
+    /// A round trip beyond `operator_age` is no hand that may press. A hand with a stick is for a robot that wants one, with
+    /// its `highest_m_s`: any other would walk by its schedule, whatever the stick says.
     #[must_use]
-    pub fn new(secret: Key, operator_age: Span) -> Self {
+    pub fn new(secret: Key, operator_age: Span, highest_m_s: Option<f64>) -> Self {
         Self {
             secret,
             nonce: Nonce::default(),
@@ -59,6 +62,7 @@ impl Receiver {
             next_welcome: Stamp::NEVER,
             session: None,
             operator_age,
+            highest_m_s,
             sample: OperatorSample { stamp: Stamp::NEVER, ..OperatorSample::default() },
             next_view: Stamp::NEVER,
             refused: Arc::default(),
@@ -87,6 +91,9 @@ impl Receiver {
     ) -> Option<Datagram> {
         match Packet::parse(bytes) {
             Some(Packet::Hello(person)) if self.secret.is_authentic(bytes) => self.welcome(now, person, chance),
+            Some(Packet::State(_, state)) if state.stick.is_some() && self.highest_m_s.is_none() => {
+                self.count(|refused| &refused.unwanted_stick)
+            }
             Some(Packet::State(person, state)) => {
                 self.hear(now, from, bytes, (person, state));
                 None
@@ -145,6 +152,7 @@ impl Receiver {
             sequence: self.sample.sequence.wrapping_add(1),
             zeroings: self.sample.zeroings.wrapping_add(u32::from(confirmed)),
             zero_angle_rad: if confirmed { state.zero_angle_rad } else { self.sample.zero_angle_rad },
+            speed_m_s: self.highest_m_s.zip(state.stick).map_or(0.0, |(highest_m_s, share)| highest_m_s * share),
         };
     }
 

@@ -65,8 +65,8 @@ impl Sender {
         self.zero_angle_rad = angle_rad;
     }
 
-    /// The next state; send it twice. `None` without a session.
-    pub fn state(&mut self, now: Stamp, held: bool) -> Option<Datagram> {
+    /// The next state, of the switch and of the stick if there is one (0 to 1); send it twice. `None` without a session.
+    pub fn state(&mut self, now: Stamp, held: bool, stick: Option<f64>) -> Option<Datagram> {
         if let Some((key, _)) = self.offered.take_if(|(_, at)| now.since(*at) > VIEW_COMES_WITHIN) {
             self.begin(now, key);
         }
@@ -83,6 +83,7 @@ impl Sender {
             held,
             zeroings: self.zeroings,
             zero_angle_rad: self.zero_angle_rad,
+            stick,
         };
         Some(Packet::State(self.person, state).sealed(key))
     }

@@ -36,6 +36,7 @@ struct Net {
     now_ms: i64,
     delay_ms: i64,
     held: bool,
+    stick: Option<f64>,
     /// On their way: to the robot, to the person; by time of arrival.
     to_robot: BTreeMap<(i64, u64), Vec<u8>>,
     to_person: BTreeMap<(i64, u64), Vec<u8>>,
@@ -50,11 +51,12 @@ struct Net {
 impl Net {
     fn new(delay_ms: i64) -> Self {
         Self {
-            receiver: Receiver::new(key(), AGE),
+            receiver: Receiver::new(key(), AGE, None),
             sender: Sender::new(key(), [7; 16]),
             now_ms: 0,
             delay_ms,
             held: false,
+            stick: None,
             to_robot: BTreeMap::new(),
             to_person: BTreeMap::new(),
             last_state: None,
@@ -76,7 +78,7 @@ impl Net {
         let mut out = Vec::new();
         if phase == 0 {
             out.extend(self.sender.hello(now));
-            self.last_state = self.sender.state(now, self.held);
+            self.last_state = self.sender.state(now, self.held, self.stick);
             out.extend(self.last_state);
         } else if phase == REPEAT_AFTER.0 / 1_000_000 {
             out.extend(self.last_state);
@@ -152,7 +154,7 @@ fn a_hand_behind_a_network_is_held_and_let_go() {
     net.held = false;
     net.run(25);
     assert!(!net.receiver.sample().dead_man);
-    assert_eq!(net.receiver.refused().counts(), [0; 3]);
+    assert_eq!(net.receiver.refused().counts(), [0; 4]);
     let (view, age) = net.sender.robot(net.now()).unwrap();
     assert!(view.mode == Mode::Disarmed && view.first_fault == FaultCode::None && age < Span::from_ms(120));
 }
@@ -192,7 +194,7 @@ fn what_was_overheard_is_worth_nothing_later() {
         other.receiver.take(other.now(), peer(9), bytes, || Some([9; 16]));
     }
     assert_eq!(other.receiver.sample(), before);
-    let [malformed, forged, _] = other.receiver.refused().counts();
+    let [malformed, forged, ..] = other.receiver.refused().counts();
     assert_eq!(malformed, 0);
     assert!(forged as usize >= overheard.len() - 2, "all but the hellos: {forged} of {}", overheard.len());
 }
@@ -205,7 +207,7 @@ fn a_session_that_was_held_back_is_not_begun() {
     let mut kept = Vec::new();
     for _ in 0..40 {
         let now = net.now();
-        kept.extend(net.sender.state(now, kept.len() > 20));
+        kept.extend(net.sender.state(now, kept.len() > 20, None));
         net.now_ms += 10;
     }
     net.now_ms += 5_000;
@@ -220,7 +222,7 @@ fn a_session_that_was_held_back_is_not_begun() {
 fn a_robot_that_begins_anew_is_found_again() {
     let mut net = Net::new(5);
     net.run(500);
-    net.receiver = Receiver::new(key(), AGE);
+    net.receiver = Receiver::new(key(), AGE, None);
     net.run(2_000);
     assert_eq!(net.receiver.sample().sequence, 0, "the old session means nothing to it");
     net.run(2_000);
@@ -272,7 +274,7 @@ fn a_laptop_that_slept_is_heard_again() {
     for _ in 0..2_000 {
         let (asleep, awake) = (net.now(), net.now() + slept);
         if net.now_ms % 10 == 0 {
-            let state = net.sender.state(asleep, net.held).unwrap();
+            let state = net.sender.state(asleep, net.held, None).unwrap();
             net.receiver.take(awake, peer(1), state.as_slice(), || Some([9; 16]));
             kept += u32::from(net.receiver.sample().dead_man);
             let view = net.receiver.view(awake, &Status::default());
@@ -293,14 +295,14 @@ fn a_second_hand_is_refused_while_the_first_lives() {
     let hello = second.hello(net.now()).unwrap();
     let welcome = net.receiver.take(net.now(), peer(2), hello.as_slice(), || Some([5; 16])).unwrap();
     assert!(second.take(net.now(), welcome.as_slice()));
-    let state = second.state(net.now(), true).unwrap();
+    let state = second.state(net.now(), true, None).unwrap();
     net.receiver.take(net.now(), peer(2), state.as_slice(), || Some([5; 16]));
-    assert_eq!(net.receiver.refused().counts(), [0, 0, 1]);
+    assert_eq!(net.receiver.refused().counts(), [0, 0, 1, 0]);
     assert!(!net.receiver.sample().dead_man);
     // Held back until the first is gone: the robot's number is used up.
     net.now_ms += 1_500;
     net.receiver.take(net.now(), peer(2), state.as_slice(), || Some([5; 16]));
-    assert_eq!(net.receiver.refused().counts(), [0, 1, 1]);
+    assert_eq!(net.receiver.refused().counts(), [0, 1, 1, 0]);
 }
 
 #[test]
@@ -309,7 +311,7 @@ fn no_changed_bit_passes_and_none_is_answered() {
     net.run(200);
     let sample = net.receiver.sample();
     let hello = Sender::new(key(), [3; 16]).hello(at(0)).unwrap();
-    let state = net.sender.state(net.now(), true).unwrap();
+    let state = net.sender.state(net.now(), true, None).unwrap();
     for datagram in [hello, state] {
         for bit in 0..8 * datagram.as_slice().len() {
             let mut bytes = datagram.as_slice().to_vec();
@@ -453,7 +455,7 @@ fn held_for(seconds: i64, seed: u64) -> HeldFor {
     const SLOT_US: i64 = 5_000;
     let stamp = |us: i64| Stamp(5_000_000_000 + us * 1_000);
     let persons = |us: i64| Stamp(77_000_000_000 + us * 1_000 + us / 20);
-    let (mut receiver, mut sender) = (Receiver::new(key(), AGE), Sender::new(key(), [7; 16]));
+    let (mut receiver, mut sender) = (Receiver::new(key(), AGE, None), Sender::new(key(), [7; 16]));
     let (mut there, mut back, mut dice) = (Way::default(), Way::default(), ChaCha8Rng::seed_from_u64(seed));
     let robot = Status { mode: Mode::Armed, ..Status::default() };
     let (mut found, mut state, mut begun) = (HeldFor::default(), None, None);
@@ -484,7 +486,7 @@ fn held_for(seconds: i64, seed: u64) -> HeldFor {
         if slot % 2 == 0 {
             sender.hello(persons(now_us)).into_iter().for_each(|hello| there.send(now_us, hello, &mut dice));
             // Open for a second, then held.
-            state = sender.state(persons(now_us), slot > 200);
+            state = sender.state(persons(now_us), slot > 200, None);
         }
         state.into_iter().for_each(|state| there.send(now_us, state, &mut dice));
     }
@@ -523,8 +525,16 @@ fn a_dead_link_is_noticed_within_130_ms_at_any_phase() {
 
 #[test]
 fn the_bytes_are_those_of_the_table() {
-    let state =
-        State { number: 1, time_us: 2, echo_us: 3, echo_age_us: 4, held: true, zeroings: 5, zero_angle_rad: 0.5 };
+    let state = State {
+        number: 1,
+        time_us: 2,
+        echo_us: 3,
+        echo_age_us: 4,
+        held: true,
+        zeroings: 5,
+        zero_angle_rad: 0.5,
+        stick: None,
+    };
     let bytes = Packet::State([0xAB; 16], state).sealed(&key());
     let mut expected = b"CGR1\x03".to_vec();
     expected.extend([0xAB; 16]);
@@ -533,6 +543,49 @@ fn the_bytes_are_those_of_the_table() {
     assert_eq!(bytes.as_slice()[..expected.len()], expected);
     assert_eq!(bytes.as_slice().len(), expected.len() + 16);
     assert_eq!(Packet::parse(bytes.as_slice()), Some(Packet::State([0xAB; 16], state)));
+}
+
+#[test]
+fn a_state_with_a_stick_is_another_kind_of_datagram_that_ends_in_its_share() {
+    let plain = State { number: 1, zero_angle_rad: 0.5, ..State::default() };
+    let state = State { stick: Some(0.25), ..plain };
+    let bytes = Packet::State([0xAB; 16], state).sealed(&key());
+    let (body, _) = bytes.as_slice().split_last_chunk::<16>().unwrap();
+    assert!(body.starts_with(b"CGR1\x05") && body.ends_with(&0.25_f64.to_le_bytes()));
+    assert_eq!(Packet::parse(bytes.as_slice()), Some(Packet::State([0xAB; 16], state)));
+    // The kinds differ by that number alone, and neither is read as the other.
+    let mut other = bytes.as_slice().to_vec();
+    other[4] = 3;
+    assert_eq!(Packet::parse(&other), None);
+    let mut other = Packet::State([0xAB; 16], plain).sealed(&key()).as_slice().to_vec();
+    other[4] = 5;
+    assert_eq!(Packet::parse(&other), None);
+    for wrong in [f64::NAN, -0.1, 1.1, f64::INFINITY] {
+        let wrong = State { stick: Some(wrong), ..plain };
+        assert_eq!(Packet::parse(Packet::State([0xAB; 16], wrong).sealed(&key()).as_slice()), None);
+    }
+}
+
+#[test]
+fn a_stick_asks_for_its_share_of_the_highest_speed_and_only_a_robot_that_wants_it_hears_it() {
+    let mut net = Net::new(8);
+    net.receiver = Receiver::new(key(), AGE, Some(0.5));
+    net.stick = Some(0.0);
+    net.run(500);
+    (net.held, net.stick) = (true, Some(0.5));
+    net.run(200);
+    let sample = net.receiver.sample();
+    assert!(sample.dead_man && (sample.speed_m_s - 0.25).abs() < 1e-12, "{sample:?}");
+    net.stick = None;
+    net.run(100);
+    assert!(net.receiver.sample().dead_man && net.receiver.sample().speed_m_s <= 0.0, "a hand without a stick");
+
+    let mut net = Net::new(8);
+    net.stick = Some(0.0);
+    net.run(1_000);
+    assert_eq!(net.receiver.sample().sequence, 0);
+    let [malformed, forged, second, stick] = net.receiver.refused().counts();
+    assert!(stick > 50 && malformed + forged + second == 0, "{stick}");
 }
 
 #[test]
@@ -555,7 +608,7 @@ proptest! {
             bytes[..4].copy_from_slice(b"CGR1");
             bytes[4] %= 6;
         }
-        let mut receiver = Receiver::new(key(), AGE);
+        let mut receiver = Receiver::new(key(), AGE, None);
         prop_assert!(receiver.take(at(0), peer(1), &bytes, || Some(Nonce::default())).is_none());
         prop_assert_eq!(receiver.refused().counts().iter().sum::<u32>(), 1);
         prop_assert!(!Sender::new(key(), [1; 16]).take(at(0), &bytes));
