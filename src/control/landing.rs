@@ -26,6 +26,8 @@ pub(super) struct Landing {
     /// What is aimed at beyond what the steady walk's numbers say, m/s.
     faster_m_s: f64,
     floor: Floor,
+    /// It catches a robot that falls: its toes do not brake.
+    catches: bool,
 }
 
 /// Steady walking: which speed is aimed at for one that is asked for, and its swing angle at touchdown.
@@ -99,6 +101,7 @@ impl Landing {
             gain: [0.0; 2],
             faster_m_s: 0.0,
             floor: Floor::new(),
+            catches: false,
         }
     }
 
@@ -107,12 +110,14 @@ impl Landing {
         self.gain = [self.numbers.first_gain; 2];
         self.faster_m_s = 0.0;
         self.floor = Floor::new();
+        self.catches = false;
     }
 
     /// Forgets, the push-off too: a step that catches has none.
     pub(super) const fn begin_to_catch(&mut self) {
         self.reset();
         self.gain = [0.0; 2];
+        self.catches = true;
     }
 
     /// Height of the present foothold over the mean floor, m.
@@ -198,7 +203,7 @@ impl Landing {
         let n = &self.numbers;
         let stops = speed_m_s <= 0.0;
         if stops {
-            return Foothold { angle_rad: self.passable(e, STOPPING, 0.0), ..Foothold::default() };
+            return self.aim_to_stop(e);
         }
         let (aimed_m_s, wanted_rad) = (self.aimed_m_s(speed_m_s), self.steady_rad(speed_m_s));
         // What counts as too slow is never aimed at.
@@ -206,6 +211,18 @@ impl Landing {
         let steady_m = n.push_m + n.push_per_speed_s * (aimed_m_s - self.steady.aimed_m_s);
         let (push_m, gain) = self.push(e, wanted, wanted_rad, steady_m);
         Foothold { angle_rad: self.foothold(e, wanted, wanted_rad, gain), push_m, gain }
+    }
+
+    /// The foothold that the robot does not pass. What the longest step leaves the toe brakes: without that some robots pass again
+    /// and again. It is not counted on for a shorter one, which would lose less.
+    fn aim_to_stop(&self, e: &Estimate) -> Foothold {
+        let angle_rad = self.passable(e, STOPPING, 0.0);
+        if self.catches {
+            return Foothold { angle_rad, ..Foothold::default() };
+        }
+        let left = self.next_energy(e, angle_rad) + self.gain_of(e.stance.other()) - STOPPING;
+        let push_m = (-left / (PUSH_GAIN * self.braked_share)).clamp(self.numbers.push_least_m, 0.0);
+        Foothold { angle_rad, push_m, gain: self.push_worth(push_m) }
     }
 
     /// The first step, out of balance: what is lacking is pushed, and the step is no longer than it can be passed.
