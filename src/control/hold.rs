@@ -21,6 +21,14 @@ impl Hold {
         }
     }
 
+    /// Its spring alone: the hip's friction damps.
+    ///
+    /// At rest on both feet rates are differences that come 20 ms late. With them the damper drove the hip's elasticity at 10 Hz, and
+    /// the feet hopped apart.
+    pub(super) const fn spring(control: &Control) -> Self {
+        Self { damping_nm_s_rad: 0.0, ..Self::new(control) }
+    }
+
     /// Holds the present angle from now on.
     pub(super) const fn reset(&mut self, estimate: &Estimate) {
         self.angle_rad = Some(estimate.hip_angle_rad);

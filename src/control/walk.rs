@@ -67,7 +67,7 @@ impl Walk {
             first_step: 0,
             stop_step: 0,
             walked_m_s: 0.0,
-            hold: Hold::new(&config.control),
+            hold: Hold::spring(&config.control),
             steps: 0,
             landed: Stamp::NEVER,
             rests_since: Stamp::NEVER,

@@ -10,9 +10,9 @@
 //! | [`touchdown`] | when it changes: the swing toe's spring gives way, affirmed by the weight |
 //! | [`weight`] | which foot carries the weight: balance of angular momentum about each |
 //!
-//! Two ways to go on, chosen by the corridor: [`Estimator::follow`] while disarmed (somebody may hold the robot, so the
-//! model does not apply: angles as measured, rates by gyro and filtered difference; it stands as configured) and
-//! [`Estimator::step`] while armed.
+//! Three ways to go on, chosen by the corridor: [`Estimator::follow`] while disarmed (somebody may hold the robot, so the
+//! model does not apply: angles as measured, rates by gyro and filtered difference; it stands as configured),
+//! [`Estimator::step`] while armed, and [`Estimator::stand_on_both`] while the controller rests: the model knows one foot.
 //!
 //! Limits: flight and slip are not known here; a push from outside is seen late, its error fades with 1/ε - 3.2 1/s.
 //! RT: yes, no allocation, ~1 µs.
@@ -206,6 +206,30 @@ impl Estimator {
             }
             _ => self.begin(now, snapshot),
         }
+    }
+
+    /// While armed and at rest on both feet: angles less the bias as learnt before, rates by gyro and filtered difference. On two
+    /// feet the moment of gravity says nothing of the attitude; taken for one foot's it was learnt as a bias of .06 rad.
+    /// The foot in front counts as the one that stands: over that one the robot walks on.
+    pub fn stand_on_both(&mut self, now: Stamp, snapshot: &Snapshot) -> Estimate {
+        self.touchdown.reset();
+        let measured = self.measure(snapshot);
+        // Without a fresh measurement it stands as it stood; `safety` judges the age.
+        if let Some(m) = &measured {
+            let front = if snapshot.hip_angle_rad > 0.0 { Leg::Inner } else { Leg::Outer };
+            if front != self.stance {
+                self.stance = front;
+                self.steps = self.steps.wrapping_add(1);
+                self.weight.change();
+            }
+            self.state = Some(start(&m.stance_first(front)));
+        }
+        self.innovation_rad = [0.0; 2];
+        self.last = now;
+        // What it learns of the bias begins once the foot has stood alone for a while.
+        self.landed = now;
+        self.learn(measured.as_ref().and_then(|m| m.sampled.as_ref()));
+        self.estimate(now, snapshot)
     }
 
     /// The swing foot stands from now on, and the stance foot swings: impact map on the state, labels exchanged.

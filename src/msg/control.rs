@@ -41,6 +41,16 @@ wire_enum! {
         Rest = 4,
         /// Back to the orbit after a disturbance.
         Recover = 5,
+        /// Out of rest: the toes push the robot over its front foot, no torque.
+        Lean = 6,
+    }
+}
+
+impl Motion {
+    /// Both feet are on the ground, and either may bear the weight.
+    #[must_use]
+    pub const fn is_on_both_feet(self) -> bool {
+        matches!(self, Self::Rest | Self::Lean)
     }
 }
 

@@ -87,7 +87,9 @@ impl Tick {
     /// Unless armed, the state is what the sensors say, so that nothing is carried over into the first armed tick.
     fn estimate(&mut self, tick: &mut TickRecord) {
         self.estimator.hear(tick.input.now, &tick.input.lidar);
+        let is_on_both_feet = self.controller.state().motion.is_on_both_feet();
         tick.estimate = match self.guard.mode() {
+            Mode::Armed if is_on_both_feet => self.estimator.stand_on_both(tick.input.now, &tick.snapshot),
             Mode::Armed => self.estimator.step(tick.input.now, &tick.snapshot, &self.applied),
             _ => self.estimator.follow(tick.input.now, &tick.snapshot),
         };

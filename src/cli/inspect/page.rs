@@ -2,7 +2,7 @@
 
 use crate::base::time::Stamp;
 use crate::config;
-use crate::msg::{Leg, Mode, Motion, TickRecord};
+use crate::msg::{Leg, Mode, TickRecord};
 use crate::record::Reader;
 use crate::report::animation::{Pose, animated_svg};
 use crate::report::recorded::{Recorded, page};
@@ -110,7 +110,7 @@ impl Collector {
                 self.foot_m[0] += length_m;
                 self.foot_m[1] += stance_m * libm::cos(stance) - swing_m * libm::cos(swing);
                 // At rest the weight goes from foot to foot until the legs are still: no steps.
-                if tick.control.motion != Motion::Rest {
+                if !tick.control.motion.is_on_both_feet() {
                     self.walked += 1;
                     if let Some(before_s) = stepped_s {
                         self.run.steps.push([t_s, length_m / (t_s - before_s)]);

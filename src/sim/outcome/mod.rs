@@ -123,7 +123,7 @@ impl Watch {
         if record.control.motion == Motion::StepIn {
             self.steps_since_s.get_or_insert(now_s);
         }
-        self.look_at_steps(now_s, record.control.motion == Motion::Rest, &reading);
+        self.look_at_steps(now_s, record.control.motion.is_on_both_feet(), &reading);
         self.effort.look(now_s, &reading, plant.hip_torque_nm());
         self.look_at_pushes(plant);
         if self.armed_once {
