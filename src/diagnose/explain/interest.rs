@@ -90,6 +90,8 @@ pub struct Kept {
     pub added: Vec<SelectedEffect>,
     /// What does not, in the order in which it was taken out.
     pub seen: Vec<Seen>,
+    /// True if one of those removed the greater part of what stays without it, and something that stays was sought beside it.
+    pub is_astray: bool,
     /// The best models without each of `added`, once they were asked for.
     without: Vec<Option<FittedModel>>,
 }
@@ -98,13 +100,13 @@ impl Kept {
     /// Everything that was added.
     #[must_use]
     pub fn all(found: FittedModel, added: Vec<SelectedEffect>) -> Self {
-        Self { found, added, seen: Vec::new(), without: Vec::new() }
+        Self { found, added, seen: Vec::new(), is_astray: false, without: Vec::new() }
     }
 
     /// Nothing, in the place of all that was added; what was seen stays.
     #[must_use]
     pub fn nothing(self, base: &FittedModel) -> Self {
-        Self { seen: self.seen, ..Self::all(base.clone(), Vec::new()) }
+        Self { seen: self.seen, is_astray: self.is_astray, ..Self::all(base.clone(), Vec::new()) }
     }
 
     /// The same after `earlier` was seen.
@@ -286,6 +288,9 @@ impl Kept {
         let without = if is_last { without } else { led_out(without, &self.found.noise, &context.floors) };
         let Member { effect, at, parameters, .. } = member(&self.found.clone().with_intervals(), context.given + i);
         let share = explained_part(&without, &self.found, context);
+        // Effects stand in the order in which they were added.
+        let is_beside_it = i + 1 < self.added.len();
+        self.is_astray |= is_beside_it && share > GREATER_PART;
         self.seen.push(Seen {
             sentence: sentence::seen(&self.describe(i, context), share, why),
             effect,
@@ -454,6 +459,23 @@ mod tests {
         assert!(seen.effect == "sensor_delay" && seen.sentence.contains("of a row"), "{}", seen.sentence);
         assert!((seen.parameters["delay"].value / 0.001 - 1.0).abs() < 0.2);
         assert!(told(0.03).is_none() && told(0.0).is_none());
+    }
+
+    #[test]
+    fn what_came_after_an_effect_that_is_taken_out_was_sought_beside_it() {
+        let (drag, offset) = (free(DRAG, 0.001, 0.1), free(OFFSET, 0.02, 0.2));
+        let Shown { context, problem } = shown(&format!("{DRAG}0.01\n{OFFSET}0.02\n"));
+        let without_drag = |order: [(&'static str, &String); 2]| {
+            let found = problem.fitted(&order.map(|(_, text)| text.clone()).concat(), 20);
+            let added = order.map(|(effect, _)| problem.added(effect, "q1", 1000.0, Vec::new()));
+            let drag = added.iter().position(|a| a.candidate.effect == "quadratic_drag").unwrap();
+            let mut kept = Kept::all(found, added.to_vec());
+            kept.take_out(drag, problem.fitted(&offset, 20), REFUTED, &context);
+            assert!(kept.seen[0].share > GREATER_PART, "{}", kept.seen[0].share);
+            kept.is_astray
+        };
+        assert!(without_drag([("quadratic_drag", &drag), ("torque_offset", &offset)]));
+        assert!(!without_drag([("torque_offset", &offset), ("quadratic_drag", &drag)]));
     }
 
     #[test]

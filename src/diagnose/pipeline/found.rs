@@ -12,7 +12,6 @@ use crate::diagnose::input_checks::{at_bounds, suspicions};
 use crate::diagnose::judge::confirmation::is_contradicted;
 use crate::diagnose::judge::criterion::{Context, explained_part, explains_most};
 use crate::diagnose::judge::estimates::undetermined_combinations;
-use crate::diagnose::judge::numbers::GREATER_PART;
 use crate::diagnose::judge::rejected::rejected;
 use crate::diagnose::judge::verdict::{
     Diagnosis, Findings, Law, Missing, Seen, Trace, Verdict, may_have_missed, verdict_of,
@@ -40,6 +39,8 @@ pub(super) struct Found {
     pub(super) found: FittedModel,
     pub(super) added: Vec<SelectedEffect>,
     pub(super) seen: Vec<Seen>,
+    /// True if what stays was sought beside something that was taken out again ([`crate::diagnose::explain::interest::Kept`]).
+    pub(super) is_astray: bool,
     pub(super) rest: Option<Unlisted>,
     pub(super) refit_needed: bool,
 }
@@ -49,11 +50,10 @@ impl Found {
         self.rest.is_some()
     }
 
-    /// True if effects were found that remove the greater part of the misfit, and none that did was taken out again: what stays was sought
-    /// beside that.
+    /// True if effects were found that remove the greater part of the misfit, and were not sought beside one that did and was taken out
+    /// again.
     pub(super) fn explains(&self, context: &Context) -> bool {
-        let is_astray = self.seen.iter().any(|seen| seen.share > GREATER_PART);
-        !self.added.is_empty() && !is_astray && explains_most(&self.base, &self.found, context)
+        !self.added.is_empty() && !self.is_astray && explains_most(&self.base, &self.found, context)
     }
 
     /// True if effects were found that leave nothing without a name, which recordings kept back do not contradict, and with which the

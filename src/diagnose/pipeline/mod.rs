@@ -254,12 +254,10 @@ fn with_slow_noise_as_misfit(trials: Vec<CandidateFit>, context: &Context) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::judge::verdict::Seen;
     use crate::diagnose::judge::worked::{Shown, shown};
     use crate::identify::experiment::Recording;
     use crate::identify::synthesis::record;
     use crate::model::rig::Use;
-    use std::collections::BTreeMap;
 
     const RIG: &str = "schema = 1\nmechanism = \"pendulum\"\n[parameters]\ninertia_kg_m2 = { value = 0.011, min = 0.005, max = 0.02 }\n\
         gravity_nm = 0.4\n[[actuator]]\njoint = \"q1\"\ncolumn = \"u\"\ngain = 0.3\n\
@@ -293,12 +291,8 @@ mod tests {
         let start = Start::of(&experiment, 0, &mut |_| {}).unwrap();
         let mut walk = on_whole_windows(&experiment, start, Stood::default(), (Options::default(), &mut |_| {}));
         assert_eq!(walk.found.added[0].candidate.effect, "torque_offset");
-        let explains = |share: f64| {
-            let (effect, at, sentence) = (String::new(), String::new(), String::new());
-            let seen = vec![Seen { effect, at, share, parameters: BTreeMap::new(), sentence }];
-            Found { seen, ..walk.found.clone() }.explains(&walk.start.context)
-        };
-        assert!(explains(0.4) && !explains(0.6), "what explained more was taken out again");
+        let explains = |is_astray| Found { is_astray, ..walk.found.clone() }.explains(&walk.start.context);
+        assert!(explains(false) && !explains(true), "sought beside what was taken out again");
         let Found { base, found, added, .. } = &walk.found;
         let (last, cut_short) = (Vec::new(), false);
         let shown = Selection { base: base.clone(), found: found.clone(), added: added.clone(), last, cut_short };

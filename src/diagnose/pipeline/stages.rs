@@ -57,7 +57,7 @@ pub(super) fn finished(start: &Start, selection: Selection, least_share: f64, sa
             (kept, rest)
         }
     };
-    let Kept { found, added, mut seen, .. } = kept.of_interest(least_share, &base, context);
+    let Kept { found, added, mut seen, is_astray, .. } = kept.of_interest(least_share, &base, context);
     // What recordings kept back refute is nothing, unless the base leaves what is no noise.
     let told = if is_misfit(&base.residuals, &context.floors) { seen.len() } else { undetermined_only };
     let rest = rest.or_else(|| undetermined(&added, &seen[..told], least_share));
@@ -67,7 +67,7 @@ pub(super) fn finished(start: &Start, selection: Selection, least_share: f64, sa
         seen.extend(within_its_row(&base, &last, context));
     }
     seen.iter().for_each(|one| said(&one.sentence));
-    Found { base: base.with_intervals(), found: found.with_intervals(), added, seen, rest, refit_needed }
+    Found { base: base.with_intervals(), found: found.with_intervals(), added, seen, is_astray, rest, refit_needed }
 }
 
 /// The search on top of what stays, if anything does, when something was taken out again: what comes after a wrong effect was sought
@@ -88,7 +88,10 @@ fn gone_on(start: &Start, base: &FittedModel, kept: Kept, said: &mut dyn FnMut(&
     }
     let (found, added) = settled_selection(found, added, &last, context, said);
     let more = Kept::all(found, added).without_undetermined(base, context);
-    more.after(kept.seen)
+    let is_astray = kept.is_astray || more.is_astray;
+    let mut all = more.after(kept.seen);
+    all.is_astray = is_astray;
+    all
 }
 
 /// The selection with each effect exchanged for a better one, or left out, and fitted to the last digit with its rivals.
