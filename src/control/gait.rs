@@ -73,6 +73,18 @@ impl Gait {
         self.stance = None;
     }
 
+    /// The next tick goes on with a step that begins now, out of rest: both feet have stood, the front one will.
+    pub(super) fn step_off(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot) {
+        self.placement.take_over(now, e, seen);
+        self.in_charge = false;
+        self.stance = Some(e.stance);
+    }
+
+    /// ξ² below which a step is too slow, rad²/s².
+    pub(super) fn slow_energy(&self, speed_m_s: f64) -> f64 {
+        self.placement.landing.slow_energy(speed_m_s)
+    }
+
     /// The configured law begins a step after one of foot placement.
     const fn join(&mut self) {
         match &mut self.own {

@@ -36,6 +36,7 @@ mod gains;
 mod gait;
 mod hold;
 mod landing;
+mod lean;
 mod lqr_tree;
 mod pendulum;
 mod planned;
@@ -225,11 +226,6 @@ struct ToeLengths {
 impl ToeLengths {
     const fn new(toe: &Toe) -> Self {
         Self { stance_m: toe.extended_m, swing_m: toe.retracted_m }
-    }
-
-    /// Out and back, m.
-    const fn lengths_m(self) -> (f64, f64) {
-        (self.stance_m, self.swing_m)
     }
 
     const fn for_stance(self, stance: Leg) -> [f64; TOES] {

@@ -4,8 +4,12 @@
 //!       asked for, settled, leg back   second touchdown            speed 0 asked for          both feet down, slow
 //!   Stand ───────────────────> StepIn ─────────────────> Walk ───────────────────────> Stop ─────────────────────> Rest
 //!   (LQR)                      (foot placement)            (the walking law)           (long steps)    (no torque)
+//!                                                         ^                                                        │ ^
+//!                                                         │ will pass the vertical         asked for, still        │ │ does not get over,
+//!                                                         └────────────────────── Lean <───────────────────────────┘ │ or not asked for
+//!                                                                  (toes push, no torque) ───────────────────────────┘
 //! ```
-//! A speed that is asked for while it stops: Stop, Walk. Out of Rest it does not walk again: balance does not stand up from astride.
+//! A speed that is asked for while it stops: Stop, Walk.
 //! Standing out of the basin of balance, it recovers along the LQR-tree if it has one, and stands again:
 //! Stand, Recover (up to two steps), Stand.
 //! With a one-step rebalance (TVLQR) in the place of a walking law: Stand, StepIn, Stand on the other leg.
@@ -15,12 +19,13 @@ use super::balance::Balance;
 use super::foot_placement::Wish;
 use super::gait::Gait;
 use super::hold::Hold;
+use super::lean::Lean;
 use super::lqr_tree::LqrTree;
 use super::pendulum::energy;
 use super::{ControllerError, ToeLengths};
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
-use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot, TOES};
+use crate::msg::{ControlState, Estimate, LawName, Motion, Snapshot};
 
 /// Laws and mode.
 #[derive(Clone, Debug)]
@@ -39,8 +44,11 @@ pub(super) struct Walk {
     /// Steps in the last tick, and when that number last changed: both feet were on the ground.
     steps: u32,
     landed: Stamp,
-    /// Since when it comes to rest.
-    rests_since: Stamp,
+    lean: Lean,
+    /// When the torque begins to fade at rest.
+    lets_go: Stamp,
+    /// How often it has leant in vain for the speed that is asked for.
+    failures: u32,
     /// Where balance holds the swing leg, rad: it goes back before the first step, to swing forward from there.
     swing_rad: f64,
     first_swing_rad: f64,
@@ -70,7 +78,9 @@ impl Walk {
             hold: Hold::spring(&config.control),
             steps: 0,
             landed: Stamp::NEVER,
-            rests_since: Stamp::NEVER,
+            lean: Lean::new(config),
+            lets_go: Stamp::NEVER,
+            failures: 0,
             swing_rad: 0.0,
             first_swing_rad: -config.control.foot_placement.first_back_rad,
             last: Stamp::NEVER,
@@ -92,6 +102,7 @@ impl Walk {
         self.asked = now;
         self.landed = Stamp::NEVER;
         self.swing_rad = 0.0;
+        self.failures = 0;
         self.gait.reset();
     }
 
@@ -107,16 +118,22 @@ impl Walk {
             self.walked_m_s = speed_m_s;
         } else {
             self.asked = now;
+            self.failures = 0;
         }
-        if !self.is_settled(now, e, speed_m_s) {
+        let is_quiet = if self.motion == Motion::Rest { is_still(e) } else { self.is_settled(now, e, speed_m_s) };
+        if !is_quiet {
             self.moved = now;
         }
-        self.change(now, e, speed_m_s);
+        self.change(now, e, seen, speed_m_s);
         if let Some(answer) = self.recover(now, e, seen) {
             return answer;
         }
         let (wish, law) = match self.motion {
             Motion::Rest => (self.rest(now, e), LawName::Hold),
+            Motion::Lean => {
+                let toe_position_m = self.lean.push(now, e.stance);
+                (Wish { toe_position_m, ..Wish::default() }, LawName::Hold)
+            }
             Motion::Stand => {
                 self.first_step = e.steps;
                 let hip_torque_nm = self.balance.torque_nm(e, seen.late, self.swing_rad);
@@ -163,9 +180,33 @@ impl Walk {
         Some((wish, state))
     }
 
-    fn change(&mut self, now: Stamp, e: &Estimate, speed_m_s: f64) {
+    fn change(&mut self, now: Stamp, e: &Estimate, seen: &Snapshot, speed_m_s: f64) {
+        let next = self.next(now, e, speed_m_s);
+        if next == self.motion {
+            return;
+        }
+        match (self.motion, next) {
+            (_, Motion::Stop) => self.stop_step = e.steps,
+            (Motion::Lean, Motion::Rest) => {
+                self.failures += 1;
+                self.moved = now;
+            }
+            (_, Motion::Rest) => {
+                self.hold.reset(e);
+                self.lean.reset(now);
+                self.lets_go = now + ROCKS;
+                self.moved = now;
+            }
+            (_, Motion::Lean) => self.lean.begin(),
+            (Motion::Lean, _) => self.gait.step_off(now, e, seen),
+            _ => {}
+        }
+        self.motion = next;
+    }
+
+    fn next(&self, now: Stamp, e: &Estimate, speed_m_s: f64) -> Motion {
         let asked = speed_m_s > 0.0;
-        let next = match self.motion {
+        match self.motion {
             Motion::Stand if asked && now.since(self.moved) > QUIET && !self.gait.is_over(now) => Motion::StepIn,
             Motion::StepIn if self.gait.is_rebalance() => {
                 if self.gait.is_over(now) {
@@ -178,19 +219,22 @@ impl Walk {
             Motion::Walk if !asked => Motion::Stop,
             Motion::Stop if asked => Motion::Walk,
             Motion::Stop if self.may_rest(now, e) => Motion::Rest,
+            Motion::Rest if asked && self.may_lean(now) => Motion::Lean,
+            Motion::Lean if !asked || self.lean.failed(now) => Motion::Rest,
+            Motion::Lean if self.passes(e, speed_m_s) => Motion::Walk,
             motion => motion,
-        };
-        if next != self.motion {
-            match next {
-                Motion::Stop => self.stop_step = e.steps,
-                Motion::Rest => {
-                    self.hold.reset(e);
-                    self.rests_since = now;
-                }
-                _ => {}
-            }
-            self.motion = next;
         }
+    }
+
+    /// It stands still without torque, and has not tried too often.
+    fn may_lean(&self, now: Stamp) -> bool {
+        self.held_share(now) <= 0.0 && now.since(self.moved) > QUIET && self.failures < MOST_FAILURES
+    }
+
+    /// Leaning, it will pass the vertical.
+    fn passes(&self, e: &Estimate, speed_m_s: f64) -> bool {
+        let pose = self.balance.pose(e.stance, e.theta_swing_rad);
+        self.lean.passes(e, &pose, self.gait.slow_energy(speed_m_s))
     }
 
     /// Astride, both feet just down, and too slow to pass the new stance leg. In the middle of a step the legs may be side by
@@ -227,12 +271,22 @@ impl Walk {
 
     /// Holds the legs apart until they are still, then lets the torque go: two legs apart stand by friction.
     fn rest(&mut self, now: Stamp, e: &Estimate) -> Wish {
-        let rested_s = now.since(self.rests_since).as_s();
-        let share = (1.0 - (rested_s - ROCKS_S) / FADE_S).clamp(0.0, 1.0);
-        let (out, back) = self.toes.lengths_m();
-        let middle_m = 0.5 * (out + back);
-        Wish { hip_torque_nm: share * self.hold.torque_nm(e), toe_position_m: [middle_m; TOES], ..Wish::default() }
+        if now.since(self.moved) > STILL && now < self.lets_go {
+            self.lets_go = now;
+        }
+        let hip_torque_nm = self.held_share(now) * self.hold.torque_nm(e);
+        Wish { hip_torque_nm, toe_position_m: self.lean.rest(now), ..Wish::default() }
     }
+
+    /// Share of the torque at rest that is left.
+    fn held_share(&self, now: Stamp) -> f64 {
+        (1.0 - now.since(self.lets_go).as_s() / FADE_S).clamp(0.0, 1.0)
+    }
+}
+
+/// Neither leg turns; both feet are down, and the rates are those of gyro and encoder.
+const fn is_still(e: &Estimate) -> bool {
+    e.theta_stance_rad_s.abs() < STILL_RAD_S && e.theta_swing_rad_s.abs() < STILL_RAD_S
 }
 
 /// Speed at which the swing leg is drawn back, rad/s.
@@ -246,7 +300,12 @@ const PATIENCE_S: f64 = 4.0;
 const QUIET: Span = Span::from_ms(200);
 /// So long after a touchdown the foot that leaves is still near the ground: its toe goes in by 12 mm in this time.
 const BOTH_DOWN: Span = Span::from_ms(50);
-/// It rocks from foot to foot for less than this, s (every landing takes a quarter of the energy); then the torque fades.
-/// The observer's rates cannot say: they know one foot only.
-const ROCKS_S: f64 = 6.0;
+/// It rocks from foot to foot for less than this (every landing takes a quarter of the energy); then the torque fades.
+const ROCKS: Span = Span::from_ms(6000);
 const FADE_S: f64 = 0.5;
+/// Still for so long it rocks no more: on one foot it would fall by .4 rad/s² or more.
+const STILL: Span = Span::from_ms(500);
+/// Rate below which a leg is still, rad/s: ten times the gyro's noise, some counts of the encoder.
+const STILL_RAD_S: f64 = 0.05;
+/// So often it leans in vain; then it rests until it is asked anew.
+const MOST_FAILURES: u32 = 6;

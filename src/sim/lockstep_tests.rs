@@ -116,6 +116,36 @@ fn a_walk_that_its_longest_step_does_not_stop_brakes_with_its_toe() {
     stops_and_rests(&[&differs, &walk], 26);
 }
 
+/// At rest the moment of gravity about one foot was taken for an error of the attitude of .06 rad; leaning, the hip has no torque.
+#[test]
+fn out_of_rest_it_walks_again_by_its_toes_and_knows_how_its_legs_stand() {
+    for seed in 1..=2 {
+        let seed = format!("sim.seed={seed}");
+        let speeds = ["control.walk.speeds=[[8.0, 0.0], [22.0, 0.4], [32.0, 0.0]]", &seed];
+        let mut lockstep = Lockstep::new(&config(&[&WALKS, &speeds])).unwrap();
+        let (mut motions, mut steps_then) = (vec![], 0);
+        let summary = scenario::run(&mut lockstep, Span::from_ms(48_000), Span::from_ms(1000), |record, reading| {
+            let motion = record.control.motion;
+            if motions.last() != Some(&motion) {
+                motions.push(motion);
+            }
+            if motion.is_on_both_feet() {
+                let e = &record.estimate;
+                let legs = [e.theta_stance_rad, e.theta_swing_rad];
+                let [inner, _] = if e.stance == crate::msg::Leg::Inner { legs } else { [legs[1], legs[0]] };
+                assert!((inner - reading.leg_angle_rad[0]).abs() < 0.02, "{seed}: {e:?}");
+            }
+            if motion == Motion::Lean {
+                steps_then = record.control.steps;
+                assert!(record.allowed.hip_torque_nm.abs() < 1e-9 && record.control.speed_m_s > 0.0, "{seed}");
+            }
+        });
+        assert_eq!(motions.last(), Some(&Motion::Rest), "{seed}: {motions:?}");
+        assert!(motions.contains(&Motion::Lean) && summary.steps > steps_then + 6, "{seed}: {motions:?} {summary:?}");
+        assert!(summary.stands() && summary.tail_torque_nm.size() < 1e-9, "{seed}: {summary:?}");
+    }
+}
+
 const WALKS: [&str; 2] = ["control.controller=walk", "sim.on_blocks=false"];
 
 #[test]
