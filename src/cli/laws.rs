@@ -1,12 +1,17 @@
 //! Every law on the ground, for tests of the whole tick. RT: no.
 
-use crate::msg::LawName;
+use crate::msg::{LawName, Motion};
 
 /// Keys of a run, and the law that must have chosen the torque in it at some time.
 pub(super) type OnTheGround = (&'static [&'static str], LawName);
 
 /// Long enough that each law has its turn, ms.
 pub(super) const EACH_MS: usize = 6_000;
+
+/// A walk that stops, rests and begins again: its keys, how long it takes, ms, and what it does then. The torque of its rest fades
+/// after 6 s at the latest.
+pub(super) const AGAIN: (&[&str], usize, Motion) =
+    (&["control.controller=walk", "control.walk.speeds=[[2.5, 0.0], [6.0, 0.4]]"], 14_000, Motion::Lean);
 
 /// All controllers. The tree needs a push out of the basin of balance.
 pub(super) const ALL: [OnTheGround; 8] = [

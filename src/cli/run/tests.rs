@@ -1,7 +1,7 @@
 use super::*;
 use crate::cli::laws;
 use crate::config;
-use crate::msg::{Mode, TickInput, TickRecord};
+use crate::msg::{ControlState, Mode, TickInput, TickRecord};
 use crate::rt::relay::Observed;
 use crate::rt::thread::Missing;
 use crate::rt::{allocation, memory};
@@ -52,23 +52,30 @@ fn the_tick_of_an_armed_robot_neither_allocates_nor_faults() {
 #[test]
 fn the_tick_of_every_law_on_the_ground_neither_allocates_nor_faults() {
     for (keys, law) in laws::ALL {
-        let config = config::load(None, &laws::on_the_ground(keys)).unwrap().config;
-        let inputs = inputs_of(&config, laws::EACH_MS);
-        let (mut tick, mut record) = (Tick::new(&config).unwrap(), Box::<TickRecord>::default());
-        memory::touch_stack(512 * 1024);
-        let (before, after) = inputs.split_at(1_500);
-        before.iter().for_each(|input| tick.step(input, &mut record));
-        assert_eq!(record.status.mode, Mode::Armed, "{law:?}");
-        let mut had_its_turn = false;
-        let start = (allocation::on_this_thread(), memory::faults_of_this_thread());
-        for input in after {
-            tick.step(input, &mut record);
-            had_its_turn |= record.status.mode == Mode::Armed && record.control.law == law;
-        }
-        let end = (allocation::on_this_thread(), memory::faults_of_this_thread());
-        assert!(had_its_turn, "{law:?}");
-        assert_eq!(end, start, "{law:?}: allocations, page faults in {} ticks", after.len());
+        steps_without_allocation(keys, laws::EACH_MS, |control| control.law == law);
     }
+    let (keys, ms, motion) = laws::AGAIN;
+    steps_without_allocation(keys, ms, |control| control.motion == motion);
+}
+
+/// `is_it`: what the controller must have done at some time, armed.
+fn steps_without_allocation(keys: &[&str], ms: usize, is_it: impl Fn(&ControlState) -> bool) {
+    let config = config::load(None, &laws::on_the_ground(keys)).unwrap().config;
+    let inputs = inputs_of(&config, ms);
+    let (mut tick, mut record) = (Tick::new(&config).unwrap(), Box::<TickRecord>::default());
+    memory::touch_stack(512 * 1024);
+    let (before, after) = inputs.split_at(1_500);
+    before.iter().for_each(|input| tick.step(input, &mut record));
+    assert_eq!(record.status.mode, Mode::Armed, "{keys:?}");
+    let mut had_its_turn = false;
+    let start = (allocation::on_this_thread(), memory::faults_of_this_thread());
+    for input in after {
+        tick.step(input, &mut record);
+        had_its_turn |= record.status.mode == Mode::Armed && is_it(&record.control);
+    }
+    let end = (allocation::on_this_thread(), memory::faults_of_this_thread());
+    assert!(had_its_turn, "{keys:?}");
+    assert_eq!(end, start, "{keys:?}: allocations, page faults in {} ticks", after.len());
 }
 
 /// What the relay saw of a run with this fault and this state of the threads.

@@ -105,6 +105,7 @@ fn is_set(bits: &[u8], number: u16) -> bool {
 }
 
 /// A stick that goes beyond its axis would be one of another device.
+#[expect(clippy::disallowed_macros, reason = "not real-time")]
 fn stays_within(stick: &Stick, least: i32, most: i32) -> io::Result<()> {
     let outside = [("rest_counts", stick.rest), ("full_counts", stick.full)];
     match outside.into_iter().find(|(_, place)| !(least..=most).contains(place)) {
