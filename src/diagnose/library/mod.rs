@@ -6,4 +6,5 @@ pub mod candidate_fit;
 pub mod candidates;
 pub mod initial_guesses;
 pub mod laws;
+pub mod limited_fit;
 pub(crate) mod worked;

@@ -12,8 +12,8 @@
 //! RT: no.
 
 use crate::diagnose::library::candidates::Candidate;
+use crate::diagnose::library::limited_fit::refitted;
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
-use crate::diagnose::search::budget::refitted;
 use crate::identify::base_fit::known;
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Point;

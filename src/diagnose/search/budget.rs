@@ -4,8 +4,8 @@
 
 use crate::diagnose::judge::accept::has_slack_spring;
 use crate::diagnose::judge::criterion::Context;
-use crate::diagnose::library::candidate_fit::REFIT;
-use crate::identify::fit::{Limits, Point, fit};
+use crate::diagnose::library::limited_fit::{LINEARISATIONS, fitted_within};
+use crate::identify::fit::{Limits, Point};
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::noise::Colour;
 use crate::identify::problem::Problem;
@@ -17,11 +17,7 @@ pub(super) const MOST_EFFORT: u64 = 800_000_000;
 /// The work of a whole diagnosis: twice that of the search for effects, for exchanges and last fits.
 const ALL_EFFORT: u64 = 2 * MOST_EFFORT;
 
-/// A candidate's fit may cost so many linearisations of the model that it is added to. A stiff spring that is the answer
-/// takes up to 40 (ten times the steps, four linearisations); a play that chatters or a spring that runs off to a rod
-/// would take thousands. Who is cut off stands with what it has reached.
-const LINEARISATIONS: u64 = 100;
-/// The same when the search has gone on for long; less, down to a look, as all work nears its end.
+/// [`LINEARISATIONS`] when the search has gone on for long; less, down to a look, as all work nears its end.
 const LEAST_LINEARISATIONS: u64 = 40;
 
 /// Part of what is left of [`MOST_EFFORT`] that one fit may take: of the dozens of a round, few need their allowance.
@@ -51,38 +47,6 @@ pub(in crate::diagnose) fn allowance_of_a_look(base: &FittedModel) -> u64 {
 #[must_use]
 pub(in crate::diagnose) fn is_spent(of: &FittedModel) -> bool {
     of.problem.effort.spent() > ALL_EFFORT
-}
-
-/// `problem` fitted from `start` at the price of `most`, or as far as that leads. `None` if the runs leave the finite numbers.
-fn fitted_within(
-    most: u64,
-    problem: Problem,
-    start: Point,
-    (noise, limits): (&[Colour], Limits),
-    floors: &[f64],
-) -> Option<FittedModel> {
-    let fit = problem.at_most(most, |limited| fit(limited, start, &problem.bounds(), noise, limits));
-    fit.cost.is_finite().then(|| FittedModel::at(problem, fit.point, fit.information, floors))?
-}
-
-/// `problem`, which has an effect less than `found`, fitted from `start`. A play chatters without the friction that was taken out.
-#[must_use]
-pub(in crate::diagnose) fn refitted(
-    found: &FittedModel,
-    (problem, start): (Problem, Point),
-    noise: &[Colour],
-    floors: &[f64],
-) -> Option<FittedModel> {
-    let most = LINEARISATIONS * found.cost_of_linearisation();
-    fitted_within(most, problem, start, (noise, REFIT), floors)
-}
-
-/// `found` without its effect number `e`, everything else fitted again.
-#[must_use]
-pub(in crate::diagnose) fn refit_without(found: &FittedModel, e: usize, floors: &[f64]) -> Option<FittedModel> {
-    let mut rig = found.rig.clone();
-    rig.effects.remove(e);
-    refitted(found, found.extended(rig), &found.noise, floors)
 }
 
 /// A fit that may cost `most`; what it costs is counted by `base`.
