@@ -50,8 +50,9 @@ fn parse(text: &str) -> Result<Vec<[f64; 2]>, String> {
     let told = |line: &(usize, &str)| !line.1.is_empty() && !line.1.starts_with('#');
     let mut lines = text.lines().map(str::trim).enumerate().filter(told);
     let header = lines.next().map_or("", |(_, line)| line);
+    let begins: String = header.chars().take(60).collect();
     if !header.split(',').map(str::trim).eq(COLUMNS) {
-        return Err(format!("must begin with the names of its columns, `{}`, not with `{header}`", COLUMNS.join(",")));
+        return Err(format!("must begin with the names of its columns, `{}`, not with `{begins}`", COLUMNS.join(",")));
     }
     let (mut points, mut places) = (Vec::new(), Vec::new());
     for (index, line) in lines {

@@ -4,6 +4,7 @@
 //! rest is another than configured, does not make it walk. At rest it asks for 0 at once; any other change is as fast as
 //! `robot.operator.speed.rate_m_s2`.
 
+use super::lean::LONGEST_TICK_S;
 use crate::base::time::Stamp;
 use crate::config::checked::{Config, Walk as Schedule};
 use crate::msg::Snapshot;
@@ -43,7 +44,7 @@ impl AskedSpeed {
     /// Of this tick, m/s.
     pub(super) fn m_s(&mut self, now: Stamp, seen: &Snapshot) -> f64 {
         let Some(rate_m_s2) = self.rate_m_s2 else { return self.schedule.speed_at_m_s(now.since(self.armed).as_s()) };
-        let most_m_s = (rate_m_s2 * now.since(self.last).as_s()).max(0.0);
+        let most_m_s = rate_m_s2 * now.since(self.last).as_s().clamp(0.0, LONGEST_TICK_S);
         self.last = now;
         let is_pushed = seen.asked_m_s > 0.0;
         self.has_rested |= !is_pushed;

@@ -60,6 +60,11 @@ impl Lean {
         self.spent = None;
     }
 
+    /// Nothing more is pushed: what is on its way goes on.
+    pub(super) fn stop_pushing(&mut self, now: Stamp) {
+        self.spent.get_or_insert(now);
+    }
+
     /// At rest: back to half out, gently.
     pub(super) fn rest(&mut self, now: Stamp) -> [f64; TOES] {
         let most_m = GENTLY_M_S * self.since_last_s(now);
@@ -72,6 +77,9 @@ impl Lean {
     /// All toes go in, then the rear one pushes.
     pub(super) fn push(&mut self, now: Stamp, front: Leg) -> [f64; TOES] {
         let dt_s = self.since_last_s(now);
+        if self.spent.is_some() {
+            return self.toes_m;
+        }
         let (mut front_m, mut rear_m) = by_stance(&self.toes_m, front);
         if front_m > self.least_m {
             // Both: the rear toe needs its way to get fast.
@@ -102,7 +110,7 @@ impl Lean {
     }
 
     fn since_last_s(&mut self, now: Stamp) -> f64 {
-        let dt_s = now.since(self.last).as_s().max(0.0);
+        let dt_s = now.since(self.last).as_s().clamp(0.0, LONGEST_TICK_S);
         self.last = now;
         dt_s
     }
@@ -112,6 +120,8 @@ fn toward(from_m: f64, to_m: f64, most_m: f64) -> f64 {
     from_m + (to_m - from_m).clamp(-most_m, most_m)
 }
 
+/// What ramps count of a tick at most, s: a stall is made up for by no jump.
+pub(super) const LONGEST_TICK_S: f64 = 0.005;
 /// Speed of a toe that leans the robot without swing, m/s: 20 mm in .4 s.
 const GENTLY_M_S: f64 = 0.05;
 /// How fast the rear toe gets faster, m/s². More lifts the front foot: the rear leg would bear all of the weight.

@@ -119,6 +119,7 @@ impl Walk {
         } else {
             self.asked = now;
             self.failures = 0;
+            self.lean.stop_pushing(now);
         }
         let is_quiet = if self.motion == Motion::Rest { is_still(e) } else { self.is_settled(now, e, speed_m_s) };
         if !is_quiet {
@@ -220,8 +221,9 @@ impl Walk {
             Motion::Stop if asked => Motion::Walk,
             Motion::Stop if self.may_rest(now, e) => Motion::Rest,
             Motion::Rest if asked && self.may_lean(now) => Motion::Lean,
-            Motion::Lean if !asked || self.lean.failed(now) => Motion::Rest,
+            // Asked for no more, it may be on its way over already: then the step that catches it is made.
             Motion::Lean if self.passes(e, speed_m_s) => Motion::Walk,
+            Motion::Lean if self.lean.failed(now) => Motion::Rest,
             motion => motion,
         }
     }
@@ -234,7 +236,7 @@ impl Walk {
     /// Leaning, it will pass the vertical.
     fn passes(&self, e: &Estimate, speed_m_s: f64) -> bool {
         let pose = self.balance.pose(e.stance, e.theta_swing_rad);
-        self.lean.passes(e, &pose, self.gait.slow_energy(speed_m_s))
+        self.lean.passes(e, &pose, self.gait.slow_energy(speed_m_s.max(SLOWEST_M_S)))
     }
 
     /// Astride, both feet just down, and too slow to pass the new stance leg. In the middle of a step the legs may be side by
@@ -307,5 +309,7 @@ const FADE_S: f64 = 0.5;
 const STILL: Span = Span::from_ms(500);
 /// Rate below which a leg is still, rad/s: ten times the gyro's noise, some counts of the encoder.
 const STILL_RAD_S: f64 = 0.05;
+/// Out of rest it steps off as for this speed at least, m/s: a stick asks for more and more while it leans.
+const SLOWEST_M_S: f64 = 0.3;
 /// So often it leans in vain; then it rests until it is asked anew.
 const MOST_FAILURES: u32 = 6;

@@ -146,6 +146,22 @@ fn out_of_rest_it_walks_again_by_its_toes_and_knows_how_its_legs_stand() {
     }
 }
 
+/// On its way over the front foot it would fall without the step.
+#[test]
+fn a_walk_that_is_asked_for_nothing_more_while_it_leans_stays_on_its_feet() {
+    for after_ms in [300, 590, 600, 610, 620, 700] {
+        let speeds =
+            format!("control.walk.speeds=[[12.0, 0.0], [22.0, 0.5], [{}, 0.0]]", 22.0 + 0.001 * f64::from(after_ms));
+        let keys = ["sim.actuator_delay_s=0.005", "sim.seed=2", &speeds];
+        let mut lockstep = Lockstep::new(&config(&[&WALKS, &keys])).unwrap();
+        let mut leant = false;
+        let summary = scenario::run(&mut lockstep, Span::from_ms(30_000), Span::from_ms(1000), |record, _| {
+            leant |= record.control.motion == Motion::Lean;
+        });
+        assert!(leant && summary.stands(), "{after_ms} ms: {summary:?}");
+    }
+}
+
 const WALKS: [&str; 2] = ["control.controller=walk", "sim.on_blocks=false"];
 
 #[test]

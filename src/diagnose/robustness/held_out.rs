@@ -237,7 +237,9 @@ impl Confirmation {
     ) -> Option<Self> {
         match candidate.only {
             Some(_) => Self::of_candidate(candidate, with, without, held_out, floors),
-            None => Self::replicated((with, e), without, held_out, floors),
+            // Where a fit runs away the predictions tell.
+            None => Self::replicated((with, e), without, held_out, floors)
+                .or_else(|| Self::on_kept_back(with, without, held_out, floors)),
         }
     }
 
