@@ -14,7 +14,8 @@
 //! model does not apply: angles as measured, rates by gyro and filtered difference; it stands as configured),
 //! [`Estimator::step`] while armed, and [`Estimator::stand_on_both`] while the controller rests: the model knows one foot.
 //!
-//! Limits: flight and slip are not known here; a push from outside is seen late, its error fades with 1/ε - 3.2 1/s.
+//! Limits: flight and slip are not known here; a push from outside is seen late, its error fades with 1/ε - 3.2 1/s. On both feet
+//! nothing is predicted, so nothing contradicts a sensor; a robot that tips over is seen by its tilt alone.
 //! RT: yes, no allocation, ~1 µs.
 
 #![cfg_attr(
@@ -150,7 +151,7 @@ impl Estimator {
         self.steps = 0;
     }
 
-    /// What the lidar said since the call before, before each [`Self::follow`] or [`Self::step`].
+    /// What the lidar said since the call before, before each [`Self::follow`], [`Self::step`] or [`Self::stand_on_both`].
     pub fn hear(&mut self, now: Stamp, word: &LidarSample) {
         let moved_rad = self.terrain.hear(now, word);
         // Only a learner that is at work makes up for what the terrain takes over.

@@ -37,7 +37,7 @@ wire_enum! {
         Walk = 2,
         /// The last steps.
         Stop = 3,
-        /// At rest on both feet, no torque.
+        /// At rest on both feet: the hip is held for some seconds, then no torque.
         Rest = 4,
         /// Back to the orbit after a disturbance.
         Recover = 5,

@@ -1,4 +1,4 @@
-//! Recordings that no fit saw, asked whether what was found holds there.
+//! Recordings that no fit of the answer saw, asked whether what was found holds there.
 //!
 //! An effect that only bends to the recordings it was fitted to costs elsewhere: a limit of a drive on top of the friction that
 //! is the truth, a bristle on top of a leg's Coulomb friction. For a prediction nothing is fitted here but how each window begins.
