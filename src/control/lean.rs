@@ -98,15 +98,17 @@ impl Lean {
     /// The robot will pass the vertical over its front foot with this ξ²; with any, once there is nothing left to push with.
     /// `pose`: at rest over that foot, the other leg where it is.
     pub(super) fn passes(&self, e: &Estimate, pose: &Pose, wanted: f64) -> bool {
-        let (lean_rad, rate) = (e.theta_stance_rad - pose.stance_rad, e.theta_stance_rad_s);
+        let (lean_rad, rate) = (leans_back_rad(e, pose), e.theta_stance_rad_s);
         let energy = rate * rate - KAPPA2 * lean_rad * lean_rad.abs();
         let wanted = if self.spent.is_some() { 0.0 } else { wanted };
         rate < 0.0 && energy > wanted
     }
 
-    /// It has not got over.
-    pub(super) fn failed(&self, now: Stamp) -> bool {
-        self.spent.is_some_and(|since| now.since(since).as_s() > TURNS_S)
+    /// It has not got over: it is on its way back, or was never near the vertical. Near it a robot may hang for a second.
+    pub(super) fn failed(&self, now: Stamp, e: &Estimate, pose: &Pose) -> bool {
+        let goes_on = leans_back_rad(e, pose) < HANGS_RAD || e.theta_stance_rad_s < -STILL_RAD_S;
+        let most_s = if goes_on { HANGS_S } else { TURNS_S };
+        self.spent.is_some_and(|since| now.since(since).as_s() > most_s)
     }
 
     fn since_last_s(&mut self, now: Stamp) -> f64 {
@@ -114,6 +116,11 @@ impl Lean {
         self.last = now;
         dt_s
     }
+}
+
+/// How far the front leg leans back from where the robot balances on it, rad.
+const fn leans_back_rad(e: &Estimate, pose: &Pose) -> f64 {
+    e.theta_stance_rad - pose.stance_rad
 }
 
 fn toward(from_m: f64, to_m: f64, most_m: f64) -> f64 {
@@ -128,6 +135,12 @@ const GENTLY_M_S: f64 = 0.05;
 const PUSH_M_S2: f64 = 0.8;
 /// The toe follows what it is asked by some ms, and the robot goes on for a while after it: then it has turned back, s.
 const TURNS_S: f64 = 0.3;
+/// Farther from the vertical, on one foot, a robot falls by .4 rad/s² or more, rad.
+const HANGS_RAD: f64 = 0.04;
+/// Nearer to it, it has fallen one way or the other after so long, s.
+const HANGS_S: f64 = 2.0;
+/// Rate below which a leg is still, rad/s: ten times the gyro's noise, some counts of the encoder.
+pub(super) const STILL_RAD_S: f64 = 0.05;
 
 #[cfg(test)]
 mod tests {
@@ -143,7 +156,9 @@ mod tests {
         lean.begin();
         let mut fastest_m_s: f64 = 0.0;
         let mut before = lean.toes_m;
-        while !lean.failed(now) {
+        let back = Estimate { theta_stance_rad: 0.15, ..Estimate::default() };
+        let pose = pose();
+        while !lean.failed(now, &back, &pose) {
             now += Span::from_ms(1);
             let toes_m = lean.push(now, Leg::Outer);
             let [inner_m, _, outer_m, _] = toes_m;
@@ -164,10 +179,32 @@ mod tests {
         assert!(before.iter().all(|m| (m - lean.middle_m).abs() < 1e-12));
     }
 
+    fn pose() -> Pose {
+        Pose::new(&load(None, &[]).unwrap().config.robot.model.params().normalised(), -0.3)
+    }
+
+    #[test]
+    fn it_gives_up_on_its_way_back_and_not_where_it_may_still_go_over() {
+        let mut lean = Lean::new(&load(None, &[]).unwrap().config);
+        let pose = pose();
+        lean.stop_pushing(Stamp(0));
+        let failed = |lean_rad: f64, rate: f64, ms: i64| {
+            let e = Estimate {
+                theta_stance_rad: pose.stance_rad + lean_rad,
+                theta_stance_rad_s: rate,
+                ..Estimate::default()
+            };
+            lean.failed(Stamp(0) + Span::from_ms(ms), &e, &pose)
+        };
+        assert!(failed(0.1, 0.0, 400) && failed(0.1, 0.3, 400) && !failed(0.1, 0.0, 200));
+        assert!(!failed(0.1, -0.2, 400) && !failed(0.03, 0.0, 400), "it still goes on, or hangs");
+        assert!(failed(0.03, 0.0, 2_100), "no longer than that");
+    }
+
     #[test]
     fn it_passes_with_the_rate_that_the_lean_asks_for_or_leaning_forward() {
         let mut lean = Lean::new(&load(None, &[]).unwrap().config);
-        let pose = Pose::new(&load(None, &[]).unwrap().config.robot.model.params().normalised(), -0.3);
+        let pose = pose();
         let passes = |lean: &Lean, lean_rad: f64, rate: f64| {
             let e = Estimate {
                 theta_stance_rad: pose.stance_rad + lean_rad,

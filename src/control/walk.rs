@@ -15,11 +15,11 @@
 //! With a one-step rebalance (TVLQR) in the place of a walking law: Stand, StepIn, Stand on the other leg.
 
 use super::asked_speed::AskedSpeed;
-use super::balance::Balance;
+use super::balance::{Balance, Pose};
 use super::foot_placement::Wish;
 use super::gait::Gait;
 use super::hold::Hold;
-use super::lean::Lean;
+use super::lean::{Lean, STILL_RAD_S};
 use super::lqr_tree::LqrTree;
 use super::pendulum::energy;
 use super::{ControllerError, ToeLengths};
@@ -223,7 +223,7 @@ impl Walk {
             Motion::Rest if asked && self.may_lean(now) => Motion::Lean,
             // Asked for no more, it may be on its way over already: then the step that catches it is made.
             Motion::Lean if self.passes(e, speed_m_s) => Motion::Walk,
-            Motion::Lean if self.lean.failed(now) => Motion::Rest,
+            Motion::Lean if self.lean.failed(now, e, &self.front_pose(e)) => Motion::Rest,
             motion => motion,
         }
     }
@@ -235,8 +235,12 @@ impl Walk {
 
     /// Leaning, it will pass the vertical.
     fn passes(&self, e: &Estimate, speed_m_s: f64) -> bool {
-        let pose = self.balance.pose(e.stance, e.theta_swing_rad);
-        self.lean.passes(e, &pose, self.gait.slow_energy(speed_m_s.max(SLOWEST_M_S)))
+        self.lean.passes(e, &self.front_pose(e), self.gait.slow_energy(speed_m_s.max(SLOWEST_M_S)))
+    }
+
+    /// At rest over the front foot, the other leg where it is.
+    fn front_pose(&self, e: &Estimate) -> Pose {
+        self.balance.pose(e.stance, e.theta_swing_rad)
     }
 
     /// Astride, both feet just down, and too slow to pass the new stance leg. In the middle of a step the legs may be side by
@@ -307,8 +311,6 @@ const ROCKS: Span = Span::from_ms(6000);
 const FADE_S: f64 = 0.5;
 /// Still for so long it rocks no more: on one foot it would fall by .4 rad/s² or more.
 const STILL: Span = Span::from_ms(500);
-/// Rate below which a leg is still, rad/s: ten times the gyro's noise, some counts of the encoder.
-const STILL_RAD_S: f64 = 0.05;
 /// Out of rest it steps off as for this speed at least, m/s: a stick asks for more and more while it leans.
 const SLOWEST_M_S: f64 = 0.3;
 /// So often it leans in vain; then it rests until it is asked anew.

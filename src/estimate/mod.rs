@@ -213,7 +213,7 @@ impl Estimator {
     /// feet the moment of gravity says nothing of the attitude; taken for one foot's it was learnt as a bias of .06 rad.
     /// The foot in front counts as the one that stands: over that one the robot walks on.
     pub fn stand_on_both(&mut self, now: Stamp, snapshot: &Snapshot) -> Estimate {
-        self.touchdown.reset();
+        self.touchdown.stand_on_both(now);
         let measured = self.measure(snapshot);
         // Without a fresh measurement it stands as it stood; `safety` judges the age.
         if let Some(m) = &measured {

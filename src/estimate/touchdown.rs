@@ -87,6 +87,8 @@ pub(super) struct Detector {
     threshold_m: f64,
     last: Stamp,
     on_trial: bool,
+    /// Since when the robot steps off from both feet, and the other one may not have left yet.
+    leaves: Option<Stamp>,
     /// What the weight says for the other foot so far, s.
     carried_s: f64,
     looked: Stamp,
@@ -99,6 +101,7 @@ impl Detector {
             threshold_m,
             last: Stamp::NEVER,
             on_trial: false,
+            leaves: None,
             carried_s: 0.0,
             looked: Stamp::NEVER,
             pots: [Pot::default(); TOES],
@@ -109,7 +112,15 @@ impl Detector {
     pub(super) const fn reset(&mut self) {
         self.last = Stamp::NEVER;
         self.on_trial = false;
+        self.leaves = None;
         self.carried_s = 0.0;
+    }
+
+    /// Both feet stand until now; the foot that pushes off bears weight for a while. That is no touchdown of it.
+    pub(super) const fn stand_on_both(&mut self, now: Stamp) {
+        self.reset();
+        self.last = now;
+        self.leaves = Some(now);
     }
 
     /// Potentiometers that are no longer asked, by bit.
@@ -129,6 +140,9 @@ impl Detector {
             return Verdict::Stays;
         }
         let carried = self.is_carried(signs);
+        if self.is_leaving(signs, blow) {
+            return Verdict::Stays;
+        }
         let since = if self.last == Stamp::NEVER { None } else { Some(signs.now.since(self.last)) };
         if self.on_trial && since.is_some_and(|s| s >= NOT_BEFORE) {
             if carried {
@@ -146,6 +160,18 @@ impl Detector {
         self.last = signs.now;
         self.carried_s = 0.0;
         if blow { Verdict::Changes } else { Verdict::ChangedBefore }
+    }
+
+    /// The other foot has not been without weight for long enough yet, after both stood.
+    fn is_leaving(&mut self, signs: &Signs<'_>, blow: bool) -> bool {
+        let Some(since) = self.leaves else { return false };
+        if blow || signs.elsewhere > HALF {
+            self.last = signs.now;
+        }
+        self.carried_s = 0.0;
+        let is_leaving = signs.now.since(self.last) < QUIET && signs.now.since(since) < LONGEST_BLOW;
+        self.leaves = self.leaves.filter(|_| is_leaving);
+        is_leaving
     }
 
     fn end_trial(&mut self, now: Stamp) {
