@@ -4,7 +4,7 @@
 //! rest is another than configured, does not make it walk. At rest it asks for 0 at once; any other change is as fast as
 //! `robot.operator.speed.rate_m_s2`.
 
-use super::lean::LONGEST_TICK_S;
+use super::ramp::{Ticks, toward};
 use crate::base::time::Stamp;
 use crate::config::checked::{Config, Walk as Schedule};
 use crate::msg::Snapshot;
@@ -16,7 +16,7 @@ pub(super) struct AskedSpeed {
     /// Of the stick, m/s²; none: the schedule asks.
     rate_m_s2: Option<f64>,
     armed: Stamp,
-    last: Stamp,
+    ticks: Ticks,
     /// The stick was at rest since arming.
     has_rested: bool,
     speed_m_s: f64,
@@ -29,7 +29,7 @@ impl AskedSpeed {
             schedule: config.control.walk.clone(),
             rate_m_s2: config.robot.operator_speed.map(|speed| speed.rate_m_s2),
             armed: Stamp::NEVER,
-            last: Stamp::NEVER,
+            ticks: Ticks::new(config),
             has_rested: false,
             speed_m_s: 0.0,
         }
@@ -37,21 +37,21 @@ impl AskedSpeed {
 
     /// On arming.
     pub(super) const fn reset(&mut self, now: Stamp) {
-        (self.armed, self.last) = (now, now);
+        self.armed = now;
+        self.ticks.reset(now);
         (self.has_rested, self.speed_m_s) = (false, 0.0);
     }
 
     /// Of this tick, m/s.
     pub(super) fn m_s(&mut self, now: Stamp, seen: &Snapshot) -> f64 {
         let Some(rate_m_s2) = self.rate_m_s2 else { return self.schedule.speed_at_m_s(now.since(self.armed).as_s()) };
-        let most_m_s = rate_m_s2 * now.since(self.last).as_s().clamp(0.0, LONGEST_TICK_S);
-        self.last = now;
+        let most_m_s = rate_m_s2 * self.ticks.since_last_s(now);
         let is_pushed = seen.asked_m_s > 0.0;
         self.has_rested |= !is_pushed;
         if !is_pushed || !self.has_rested {
             self.speed_m_s = 0.0;
         } else {
-            self.speed_m_s += (seen.asked_m_s - self.speed_m_s).clamp(-most_m_s, most_m_s);
+            self.speed_m_s = toward(self.speed_m_s, seen.asked_m_s, most_m_s);
         }
         self.speed_m_s
     }

@@ -11,6 +11,7 @@
 
 use super::balance::Pose;
 use super::pendulum::KAPPA2;
+use super::ramp::{Ticks, toward};
 use super::stance_toe::{by_stance, in_order};
 use crate::base::time::Stamp;
 use crate::config::checked::{Config, Toe};
@@ -26,7 +27,7 @@ pub(super) struct Lean {
     /// As asked for, m: inner, outer.
     toes_m: [f64; TOES],
     push_m_s: f64,
-    last: Stamp,
+    ticks: Ticks,
     /// Since when nothing is left to push with.
     spent: Option<Stamp>,
 }
@@ -43,7 +44,7 @@ impl Lean {
             rate_limit_m_s,
             toes_m: [middle_m; TOES],
             push_m_s: 0.0,
-            last: Stamp::NEVER,
+            ticks: Ticks::new(config),
             spent: None,
         }
     }
@@ -51,7 +52,7 @@ impl Lean {
     /// Both feet have just come down: every toe goes half out, as fast as it can.
     pub(super) const fn reset(&mut self, now: Stamp) {
         self.toes_m = [self.middle_m; TOES];
-        self.last = now;
+        self.ticks.reset(now);
     }
 
     /// A push begins with the next tick.
@@ -67,7 +68,7 @@ impl Lean {
 
     /// At rest: back to half out, gently.
     pub(super) fn rest(&mut self, now: Stamp) -> [f64; TOES] {
-        let most_m = GENTLY_M_S * self.since_last_s(now);
+        let most_m = GENTLY_M_S * self.ticks.since_last_s(now);
         for toe_m in &mut self.toes_m {
             *toe_m = toward(*toe_m, self.middle_m, most_m);
         }
@@ -76,7 +77,7 @@ impl Lean {
 
     /// All toes go in, then the rear one pushes.
     pub(super) fn push(&mut self, now: Stamp, front: Leg) -> [f64; TOES] {
-        let dt_s = self.since_last_s(now);
+        let dt_s = self.ticks.since_last_s(now);
         if self.spent.is_some() {
             return self.toes_m;
         }
@@ -110,12 +111,6 @@ impl Lean {
         let most_s = if goes_on { HANGS_S } else { TURNS_S };
         self.spent.is_some_and(|since| now.since(since).as_s() > most_s)
     }
-
-    fn since_last_s(&mut self, now: Stamp) -> f64 {
-        let dt_s = now.since(self.last).as_s().clamp(0.0, LONGEST_TICK_S);
-        self.last = now;
-        dt_s
-    }
 }
 
 /// How far the front leg leans back from where the robot balances on it, rad.
@@ -123,12 +118,6 @@ const fn leans_back_rad(e: &Estimate, pose: &Pose) -> f64 {
     e.theta_stance_rad - pose.stance_rad
 }
 
-fn toward(from_m: f64, to_m: f64, most_m: f64) -> f64 {
-    from_m + (to_m - from_m).clamp(-most_m, most_m)
-}
-
-/// What ramps count of a tick at most, s: a stall is made up for by no jump.
-pub(super) const LONGEST_TICK_S: f64 = 0.005;
 /// Speed of a toe that leans the robot without swing, m/s: 20 mm in .4 s.
 const GENTLY_M_S: f64 = 0.05;
 /// How fast the rear toe gets faster, m/s². More lifts the front foot: the rear leg would bear all of the weight.

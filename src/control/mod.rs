@@ -40,6 +40,7 @@ mod lean;
 mod lqr_tree;
 mod pendulum;
 mod planned;
+mod ramp;
 mod stance_toe;
 mod swing;
 pub mod tables;

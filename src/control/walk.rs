@@ -22,6 +22,7 @@ use super::hold::Hold;
 use super::lean::{Lean, STILL_RAD_S};
 use super::lqr_tree::LqrTree;
 use super::pendulum::energy;
+use super::ramp::{Ticks, toward};
 use super::{ControllerError, ToeLengths};
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
@@ -52,7 +53,7 @@ pub(super) struct Walk {
     /// Where balance holds the swing leg, rad: it goes back before the first step, to swing forward from there.
     swing_rad: f64,
     first_swing_rad: f64,
-    last: Stamp,
+    ticks: Ticks,
     /// When the legs were last seen to move.
     moved: Stamp,
     recovery: Option<LqrTree>,
@@ -83,7 +84,7 @@ impl Walk {
             failures: 0,
             swing_rad: 0.0,
             first_swing_rad: -config.control.foot_placement.first_back_rad,
-            last: Stamp::NEVER,
+            ticks: Ticks::new(config),
             moved: Stamp::NEVER,
             recovery: if config.control.walk.recover { Some(LqrTree::new(config)?) } else { None },
             asked: Stamp::NEVER,
@@ -97,7 +98,7 @@ impl Walk {
         }
         self.motion = Motion::Stand;
         self.asked_speed.reset(now);
-        self.last = now;
+        self.ticks.reset(now);
         self.moved = now;
         self.asked = now;
         self.landed = Stamp::NEVER;
@@ -253,9 +254,8 @@ impl Walk {
     /// The swing leg goes back before a first step, and forward again if none is asked for.
     fn draw_back(&mut self, now: Stamp, speed_m_s: f64) {
         let goal_rad = self.goal_rad(speed_m_s);
-        let most_rad = (BACK_RAD_S * now.since(self.last).as_s()).max(0.0);
-        self.swing_rad += (goal_rad - self.swing_rad).clamp(-most_rad, most_rad);
-        self.last = now;
+        let most_rad = BACK_RAD_S * self.ticks.since_last_s(now);
+        self.swing_rad = toward(self.swing_rad, goal_rad, most_rad);
     }
 
     const fn goal_rad(&self, speed_m_s: f64) -> f64 {
