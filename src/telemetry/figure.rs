@@ -1,11 +1,13 @@
 //! The robot as a stick figure. RT: no.
 
+use super::state::State;
 use crate::config::checked::Config;
 use crate::msg::{Estimate, Leg, Snapshot, TOES};
 use ratatui::style::Color;
 use ratatui::symbols::Marker;
 use ratatui::widgets::canvas::{Canvas, Circle, Context, Line};
 use ratatui::widgets::{Block, Widget};
+use std::collections::VecDeque;
 
 /// Colour of the inner leg, everywhere on the screen.
 pub(super) const INNER: Color = Color::Cyan;
@@ -15,6 +17,9 @@ pub(super) const OUTER: Color = Color::Yellow;
 /// Above and below the robot, in leg lengths.
 const TOP: f64 = 1.25;
 const BOTTOM: f64 = -0.12;
+
+/// A place where a foot stood, in leg lengths, stance toe at the origin; x forward, y up.
+pub(super) type Foothold = (f64, f64);
 
 /// Points of the robot, in leg lengths, stance toe at the origin; x forward, y up.
 #[derive(Debug, PartialEq)]
@@ -50,14 +55,13 @@ fn swing_length(config: &Config, snapshot: &Snapshot, stance: Leg) -> f64 {
     1.0 - retraction_m / config.robot.model.leg_length_m.value
 }
 
+/// Where the swing toe is, in leg lengths from the stance toe.
+pub(super) fn swing_toe(config: &Config, estimate: &Estimate, snapshot: &Snapshot) -> Foothold {
+    points(estimate, swing_length(config, snapshot, estimate.stance)).swing_toe
+}
+
 /// The picture, for an area of so many cells (a braille cell has 2 x 4 square dots).
-pub(super) fn widget<'a>(
-    config: &'a Config,
-    estimate: &'a Estimate,
-    snapshot: &'a Snapshot,
-    cells: (u16, u16),
-    block: Block<'a>,
-) -> impl Widget + 'a {
+pub(super) fn widget<'a>(state: &'a State, cells: (u16, u16), block: Block<'a>) -> impl Widget + 'a {
     let height = TOP - BOTTOM;
     let width = height * f64::from(cells.0.max(1)) * 2.0 / (f64::from(cells.1.max(1)) * 4.0);
     Canvas::default()
@@ -65,11 +69,23 @@ pub(super) fn widget<'a>(
         .marker(Marker::Braille)
         .x_bounds([-0.5 * width, 0.5 * width])
         .y_bounds([BOTTOM, TOP])
-        .paint(move |context| paint(context, config, estimate, snapshot, width))
+        .paint(move |context| paint(context, state, 0.5 * width))
 }
 
-fn paint(context: &mut Context<'_>, config: &Config, estimate: &Estimate, snapshot: &Snapshot, width: f64) {
-    context.draw(&line((-0.5 * width, 0.0), (0.5 * width, 0.0), Color::DarkGray));
+/// The floor as the feet found it: through the footholds; level before the first and after the last.
+fn draw_floor(context: &mut Context<'_>, footholds: &VecDeque<Foothold>, half_width: f64) {
+    let level = footholds.front().map_or(0.0, |(_, y)| *y);
+    let first = footholds.front().map_or(0.0, |(x, _)| x.min(0.0));
+    let mut from = (-half_width.max(-first), level);
+    for to in footholds.iter().copied().chain([(0.0, 0.0), (half_width, 0.0)]) {
+        context.draw(&line(from, to, Color::DarkGray));
+        from = to;
+    }
+}
+
+fn paint(context: &mut Context<'_>, state: &State, half_width: f64) {
+    let (config, estimate, snapshot) = (&state.config, &state.tick.estimate, &state.tick.snapshot);
+    draw_floor(context, &state.footholds, half_width);
     if !estimate.valid {
         return;
     }

@@ -85,8 +85,7 @@ fn leg_name(leg: Leg) -> Span<'static> {
 fn draw_robot(frame: &mut Frame<'_>, area: Rect, state: &State) {
     let block = block(" robot ");
     let inner = block.inner(area);
-    let (estimate, snapshot) = (&state.tick.estimate, &state.tick.snapshot);
-    frame.render_widget(figure::widget(&state.config, estimate, snapshot, (inner.width, inner.height), block), area);
+    frame.render_widget(figure::widget(state, (inner.width, inner.height), block), area);
 }
 
 fn draw_torque(frame: &mut Frame<'_>, area: Rect, state: &State) {
