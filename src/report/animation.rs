@@ -55,11 +55,30 @@ impl Pose {
     }
 }
 
+/// Where the robot stood, m: forward, up, in the order in which it came there. What its feet found of the floor.
+fn footholds_m(poses: &[Pose]) -> Vec<[f64; 2]> {
+    let mut feet: Vec<[f64; 2]> = poses.iter().map(|pose| pose.foot_m).collect();
+    feet.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    feet.dedup_by(|a, b| (a[0] - b[0]).abs() < ONE_PLACE_M);
+    feet
+}
+
+/// Height of the floor at a place, m: straight from foothold to foothold, level beyond them.
+fn floor_m(footholds_m: &[[f64; 2]], at_m: f64) -> f64 {
+    let after = footholds_m.partition_point(|[x, _]| *x <= at_m);
+    match (footholds_m.get(after.wrapping_sub(1)), footholds_m.get(after)) {
+        (Some([x0, y0]), Some([x1, y1])) => y0 + (y1 - y0) * (at_m - x0) / (x1 - x0),
+        (Some([_, y]), None) | (None, Some([_, y])) => *y,
+        (None, None) => 0.0,
+    }
+}
+
 /// The figure. `periodic`: the end is the beginning, one step ahead.
 #[must_use]
 pub fn figure(poses: &[Pose], periodic: bool) -> String {
     let rows: Vec<_> = poses.iter().map(Pose::row).collect();
-    let data = json!({"periodic": periodic, "rows": rows}).to_string();
+    let feet: Vec<_> = footholds_m(poses).into_iter().map(|foot| foot.map(round)).collect();
+    let data = json!({"periodic": periodic, "rows": rows, "feet": feet}).to_string();
     format!(
         "<figure><svg id=\"walk\" class=\"plot\" viewBox=\"0 -12 860 360\" role=\"img\" aria-label=\"the robot walks\">\
          <path id=\"floor\" stroke=\"var(--soft)\" fill=\"none\"/>\
@@ -119,19 +138,12 @@ pub fn animated_svg(poses: &[Pose]) -> String {
     ];
     let hips = joints.iter().map(|j| j.hip_m[0]);
     let [least_m, most_m] = [hips.clone().fold(f64::INFINITY, f64::min), hips.fold(f64::NEG_INFINITY, f64::max)];
-    let mut floor = String::new();
-    // Marks of the floor, 200 mm apart, move under the robot.
-    #[expect(clippy::cast_possible_truncation, reason = "some metres")]
-    for mark in (5.0 * (least_m - 2.0)) as i64..=(5.0 * (most_m + 2.0)) as i64 {
-        #[expect(clippy::cast_precision_loss, reason = "some metres")]
-        let place = PIXELS_PER_M * mark as f64 / 5.0;
-        let _infallible = write!(floor, "M{place:.0} 310l-8 10");
-    }
+    let floor = floor_path(&footholds_m(poses), [least_m - 2.0, most_m + 2.0]);
     let shifts: Vec<String> = joints.iter().map(|j| format!("{:.1} 0", 430.0 - PIXELS_PER_M * j.hip_m[0])).collect();
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 -12 860 340\" width=\"860\" height=\"340\"><style>{STYLE}</style>\
-         <rect y=\"-12\" width=\"100%\" height=\"100%\" fill=\"var(--paper)\"/><path stroke=\"var(--soft)\" d=\"M0 310H860\"/>\
-         <path stroke=\"var(--soft)\" d=\"{floor}\"><animateTransform attributeName=\"transform\" type=\"translate\" \
+         <rect y=\"-12\" width=\"100%\" height=\"100%\" fill=\"var(--paper)\"/>\
+         <path stroke=\"var(--soft)\" fill=\"none\" d=\"{floor}\"><animateTransform attributeName=\"transform\" type=\"translate\" \
          dur=\"{duration_s:.2}s\" repeatCount=\"indefinite\" values=\"{}\"/></path>{}{}{}\
          <circle cx=\"430\" r=\"8\" fill=\"var(--ink)\">{}</circle></svg>\n",
         shifts.join(";"),
@@ -141,6 +153,32 @@ pub fn animated_svg(poses: &[Pose]) -> String {
         animate("cy", &hip_y)
     )
 }
+
+/// The floor from place to place, m, with marks 200 mm apart: it moves under the robot.
+fn floor_path(footholds_m: &[[f64; 2]], [from_m, to_m]: [f64; 2]) -> String {
+    let point = |at_m: f64| {
+        let place = [PIXELS_PER_M * at_m, 310.0 - PIXELS_PER_M * floor_m(footholds_m, at_m)];
+        format!("{:.0} {:.1}", place[0], place[1])
+    };
+    let mut path = String::new();
+    if from_m.is_finite() && to_m.is_finite() {
+        let _infallible = write!(path, "M{}", point(from_m));
+        for [x, _] in footholds_m {
+            let _infallible = write!(path, "L{}", point(*x));
+        }
+        let _infallible = write!(path, "L{}", point(to_m));
+        #[expect(clippy::cast_possible_truncation, reason = "some metres")]
+        for mark in (5.0 * from_m) as i64..=(5.0 * to_m) as i64 {
+            #[expect(clippy::cast_precision_loss, reason = "some metres")]
+            let at_m = mark as f64 / 5.0;
+            let _infallible = write!(path, "M{}l-8 10", point(at_m));
+        }
+    }
+    path
+}
+
+/// Footholds closer than this are one, m.
+const ONE_PLACE_M: f64 = 1e-3;
 
 /// Longest animation of a document, s; its frames in a second.
 const LONGEST_S: f64 = 15.0;
@@ -157,6 +195,20 @@ fn round(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn floor_goes_through_the_footholds_and_is_level_beyond_them() {
+        let pose = |foot_m| Pose { t_s: 0.0, inner_stands: true, angles_rad: [0.0; 2], lengths_m: [1.0; 2], foot_m };
+        let poses = [[0.0, 0.0], [0.0, 0.0], [0.4, 0.02], [0.8, -0.04]].map(pose);
+        let feet = footholds_m(&poses);
+        assert_eq!(feet, [[0.0, 0.0], [0.4, 0.02], [0.8, -0.04]], "each place once");
+        for (at_m, height_m) in [(-1.0, 0.0), (0.0, 0.0), (0.2, 0.01), (0.6, -0.01), (0.8, -0.04), (3.0, -0.04)] {
+            assert!((floor_m(&feet, at_m) - height_m).abs() < 1e-12, "at {at_m} m");
+        }
+        assert!(floor_m(&[], 1.0).abs() < 1e-12);
+        assert!(animated_svg(&poses).contains("L100 305.0L200 320.0L"), "in the drawing");
+        assert!(figure(&poses, false).contains(r#""feet":[[0.0,0.0],[0.4,0.02],[0.8,-0.04]]"#), "in the page");
+    }
 
     #[test]
     fn animated_drawing_has_a_value_for_each_frame_and_keeps_the_hip_in_the_middle() {

@@ -289,7 +289,8 @@ mod tests {
         let mut state = State::new(&config::load(None, &[]).unwrap().config).unwrap();
         let step = |stance: Leg| {
             let mut tick = TickRecord::default();
-            let standing = Estimate { theta_stance_rad: 0.2, theta_swing_rad: -0.3, valid: true, ..Estimate::default() };
+            let standing =
+                Estimate { theta_stance_rad: 0.2, theta_swing_rad: -0.3, valid: true, ..Estimate::default() };
             tick.estimate = Estimate { stance, ..standing };
             tick
         };
