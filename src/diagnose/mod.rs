@@ -49,7 +49,7 @@
 //!
 //! | question | rule | where |
 //! |---|---|---|
-//! | is anything missing? | gain over 60 + k ln N for k numbers in N samples, in every part of the recordings | [`judge::criterion`], [`judge::accept`] |
+//! | is anything missing? | gain over max(60, .02 N) + k ln N, in every part of the recordings | [`judge::criterion`], [`judge::accept`] |
 //! | is it that effect? | no bound hit, states that go on from window to window, .25 of the gain on recordings left out, or of what it promises on recordings kept back | [`judge::accept`], [`judge::continuity`] |
 //! | or a piece of anything? | pushes and jumps are not taken beside smooth misfit, nor is a ripple on a rail, unless recordings kept back bear it out; less than half a wave is no ripple | [`judge::flexibility`] |
 //! | a further effect? | 2 % of what those before it gained, 15 % where smooth misfit stays | [`judge::accept`] |

@@ -3,7 +3,7 @@
 //! RT: no.
 
 use super::criterion::{Context, detection_threshold};
-use super::numbers::{GREATER_PART, LONGEST_MEMORY, QUARTER};
+use super::numbers::{GREATER_PART, QUARTER};
 use crate::diagnose::robustness::held_out::Confirmation;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::white;
@@ -12,7 +12,7 @@ impl Confirmation {
     /// True if it speaks for the one model against another of as many numbers.
     #[must_use]
     pub fn bears_out(&self, context: &Context) -> bool {
-        self.is_more_than_chance(0, context) && is_kept(self.promised, self.gained)
+        is_borne_out(self.promised, self.gained, context)
     }
 
     /// True if it speaks for a force that has no other claim than that it is seen.
@@ -24,19 +24,7 @@ impl Confirmation {
     /// True if it speaks against an effect of so many numbers.
     #[must_use]
     pub fn refutes(&self, numbers: usize, context: &Context) -> bool {
-        self.is_refuted(numbers, context) || !is_removed_where_it_acts(self.left)
-    }
-
-    /// True if recordings that were not fitted speak against an effect of so many numbers: it changes what is predicted there by more
-    /// than chance, and of the fall of squares that this change would be, were it the truth, it keeps less than [`QUARTER`], as it must
-    /// where fitted recordings are left out in turn. What changes nothing there is not asked.
-    fn is_refuted(&self, numbers: usize, context: &Context) -> bool {
-        self.is_more_than_chance(numbers, context) && !is_kept(self.promised, self.gained)
-    }
-
-    /// True if predictions change by more than chance does where noise stands for several samples.
-    fn is_more_than_chance(&self, numbers: usize, context: &Context) -> bool {
-        self.promised > self.memory.min(LONGEST_MEMORY) * detection_threshold(context, numbers)
+        is_refuted(self.promised, self.gained, numbers, context) || !is_removed_where_it_acts(self.left)
     }
 }
 
@@ -54,9 +42,22 @@ fn is_kept(promised: f64, gained: f64) -> bool {
     gained > 0.0 && gained >= QUARTER * promised
 }
 
+/// True if recordings that were not fitted speak against an effect of so many numbers: it changes what is predicted there by more
+/// than chance, `promised`, and of the fall of squares that this change would be, were it the truth, it keeps less than [`QUARTER`],
+/// as it must where fitted recordings are left out in turn. What changes nothing there is not asked.
+fn is_refuted(promised: f64, gained: f64, numbers: usize, context: &Context) -> bool {
+    promised > detection_threshold(context, numbers) && !is_kept(promised, gained)
+}
+
 /// True if an event is the explanation where it acts: of the squares above noise it leaves little there.
 fn is_removed_where_it_acts(left: f64) -> bool {
     left <= QUARTER
+}
+
+/// True if recordings that were not fitted speak for one model against another: the change between them is more than chance, and
+/// [`QUARTER`] of it is so.
+fn is_borne_out(promised: f64, gained: f64, context: &Context) -> bool {
+    promised > detection_threshold(context, 0) && is_kept(promised, gained)
 }
 
 #[cfg(test)]
@@ -73,13 +74,9 @@ mod tests {
     #[test]
     fn an_effect_is_refuted_where_it_changes_much_and_little_of_that_is_so() {
         let context = Context { samples: 1000, ..shown("").context };
-        let told = |promised, gained, memory| Confirmation { promised, gained, memory, left: 0.0 };
-        let is_refuted = |promised, gained, memory| told(promised, gained, memory).refutes(1, &context);
-        assert!(is_refuted(200.0, 20.0, 1.0) && is_refuted(200.0, -150.0, 1.0));
-        assert!(!is_refuted(200.0, 180.0, 1.0), "the truth keeps all of it");
-        assert!(!is_refuted(60.0, -60.0, 1.0), "what hardly acts there is not asked");
-        assert!(!is_refuted(200.0, 20.0, 4.0), "noise that stands for four samples does as much by chance");
-        assert!(is_refuted(500.0, 20.0, 200.0), "what stands for longer is no noise");
+        assert!(is_refuted(200.0, 20.0, 1, &context) && is_refuted(200.0, -150.0, 1, &context));
+        assert!(!is_refuted(200.0, 180.0, 1, &context), "the truth keeps all of it");
+        assert!(!is_refuted(60.0, -60.0, 1, &context), "what hardly acts there is not asked");
     }
 
     const PUSH: &str = "[[effect]]\neffect = \"external_push\"\nat = \"q1\"\nimpulse = ";

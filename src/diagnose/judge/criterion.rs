@@ -3,7 +3,7 @@
 //! RT: no.
 
 use super::evidence::Ledger;
-use super::numbers::{GREATER_PART, LEAST_GAIN, LONGEST_MEMORY};
+use super::numbers::{GREATER_PART, LEAST_GAIN, LEAST_GAIN_PER_SAMPLE, LONGEST_MEMORY};
 use crate::diagnose::robustness::held_out::HeldOut;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::likelihood::{Difference, difference, memory};
@@ -29,11 +29,11 @@ pub struct Context {
 }
 
 /// Rise of twice the log-likelihood from which `numbers` more numbers are worth calling a mismatch: a penalised likelihood
-/// (Schwarz 1978), with a floor for the search over the library. The error of form, which grows with the samples, is asked for by itself:
-/// what it is taken for does not replicate, or does not matter.
+/// (Schwarz 1978), with a floor for the search over the library and for the error of form, which grows with the samples.
 #[must_use]
 pub fn detection_threshold(context: &Context, numbers: usize) -> f64 {
-    LEAST_GAIN + numbers as f64 * libm::log((context.samples as f64).max(2.0))
+    let samples = context.samples as f64;
+    (LEAST_GAIN_PER_SAMPLE * samples).max(LEAST_GAIN) + numbers as f64 * libm::log(samples.max(2.0))
 }
 
 /// True if the best promise of a linear step is too little for a round of fits: a healthy machine is not worth a dozen.
@@ -89,9 +89,10 @@ mod tests {
     }
 
     #[test]
-    fn the_threshold_has_a_floor_and_grows_with_each_number() {
+    fn the_threshold_has_a_floor_grows_with_the_samples_and_with_each_number() {
         let at = |samples, numbers| detection_threshold(&context(samples, false), numbers);
-        assert!((at(1000, 0) - LEAST_GAIN).abs() < 1e-12 && (at(60_000, 0) - LEAST_GAIN).abs() < 1e-12);
+        assert!((at(1000, 0) - LEAST_GAIN).abs() < 1e-12);
+        assert!((at(6000, 0) / at(3000, 0) - 2.0).abs() < 1e-12, "from 3000 samples on by sample");
         assert!((at(1000, 3) - at(1000, 0) - 3.0 * libm::log(1000.0)).abs() < 1e-12);
     }
 

@@ -13,7 +13,7 @@
 //!
 //! RT: no.
 
-use super::numbers::{FORM_SAMPLES, NEARLY_ALL};
+use super::numbers::{LEAST_GAIN, LEAST_GAIN_PER_SAMPLE, NEARLY_ALL};
 use crate::identify::fitted_model::FittedModel;
 use crate::model::effect::EffectKind;
 use nalgebra::{DMatrix, DVector};
@@ -55,10 +55,16 @@ impl Evidence {
     }
 }
 
+/// Samples beyond which more of them make no form truer: where the two limits of the detection threshold meet.
+#[must_use]
+pub fn form_samples() -> f64 {
+    LEAST_GAIN / LEAST_GAIN_PER_SAMPLE
+}
+
 /// Part of a likelihood of so many samples that counts.
 #[must_use]
 pub fn coarsening(samples: usize) -> f64 {
-    1.0 / (1.0 + samples as f64 / FORM_SAMPLES)
+    1.0 / (1.0 + samples as f64 / form_samples())
 }
 
 /// `ln det(1 + z P H)`.
@@ -192,6 +198,6 @@ mod tests {
     fn more_samples_of_the_same_never_count_for_more_than_a_given_number_of_them() {
         let fit = |samples: usize| coarsening(samples) * 0.5 * samples as f64;
         assert!((fit(10) / 5.0 - 1.0).abs() < 0.01);
-        assert!(fit(100_000) < 0.5 * FORM_SAMPLES && fit(10_000_000) > 0.49 * FORM_SAMPLES);
+        assert!(fit(100_000) < 0.5 * form_samples() && fit(10_000_000) > 0.49 * form_samples());
     }
 }

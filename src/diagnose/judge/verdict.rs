@@ -11,11 +11,10 @@ use super::criterion::{Context, detection_threshold};
 use super::numbers::NEARLY_ALL;
 use crate::identify::likelihood::Difference;
 
-/// True if the numbers of the rig as given had to be fitted again; `gain`: of the re-fit with so many numbers, which matters as an
-/// effect would.
+/// True if the numbers of the rig as given had to be fitted again; `gain`: of the re-fit with so many numbers.
 #[must_use]
-pub fn refit_is_needed(gain: Difference, is_material: bool, numbers: usize, context: &Context) -> bool {
-    gain.total > detection_threshold(context, numbers) && gain.low > 0.0 && is_material
+pub fn refit_is_needed(gain: Difference, numbers: usize, context: &Context) -> bool {
+    gain.total > detection_threshold(context, numbers) && gain.low > 0.0
 }
 
 /// True if an effect that removes this part of the misfit matters, where the smallest that does removes `least`.

@@ -5,9 +5,9 @@
 use super::found::Found;
 use super::start::{RUNS_AWAY, Start};
 use crate::diagnose::explain::interest::{Kept, split_by_interest, undetermined, within_its_row};
-use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part, leaves_slow_noise};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, leaves_slow_noise};
 use crate::diagnose::judge::numbers::LONGEST_MEMORY;
-use crate::diagnose::judge::verdict::{is_material, refit_is_needed};
+use crate::diagnose::judge::verdict::refit_is_needed;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::nameless::pooling_test::{no_common_machine, unfollowed};
@@ -30,9 +30,7 @@ pub(super) fn finished(start: &Start, selection: Selection, least_share: f64, sa
     let (given, context) = (start.given.as_ref(), &start.context);
     let Selection { base, found, added, last, .. } = selection;
     let refit = given.map(|given| compare(&base, given, context));
-    let is_material = given.is_none_or(|given| is_material(explained_part(given, &base, context), least_share));
-    let numbers = base.point.parameters.len();
-    let refit_needed = refit.is_none_or(|refit| refit_is_needed(refit, is_material, numbers, context));
+    let refit_needed = refit.is_none_or(|refit| refit_is_needed(refit, base.point.parameters.len(), context));
     said(&refit.map_or_else(
         || RUNS_AWAY.to_owned(),
         |refit| format!("re-fitting the parameters gains {:.0} (twice the log-likelihood)", refit.total),

@@ -18,8 +18,8 @@ use crate::identify::base_fit::known;
 use crate::identify::experiment::{Experiment, Recording};
 use crate::identify::fit::Point;
 use crate::identify::fitted_model::FittedModel;
-use crate::identify::likelihood::{Residuals, memory, white};
-use crate::identify::noise::{Colour, estimate};
+use crate::identify::likelihood::{Residuals, white};
+use crate::identify::noise::Colour;
 use crate::identify::outliers::clean;
 use crate::identify::problem::Problem;
 use crate::identify::rollout::{FreeRun, Pooled, free_run};
@@ -182,9 +182,6 @@ pub struct Confirmation {
     pub promised: f64,
     /// By how much the error falls.
     pub gained: f64,
-    /// For how many samples the noise stands, the promise of each channel as weight: by chance alone squares change by so many times as
-    /// much as those of independent samples.
-    pub memory: f64,
     /// Of an event: what it leaves of the squares above noise where it acts, as a part of what is there without it. Nothing
     /// for what lasts.
     pub left: f64,
@@ -282,24 +279,19 @@ impl Confirmation {
     /// Of the effect that the one model has and the other has not.
     #[must_use]
     pub fn of(with: &Residuals, without: &Residuals, floors: &[f64]) -> Self {
-        let (mut promised, mut gained, mut remembered) = (0.0, 0.0, 0.0);
-        let noises = white(with, floors).into_iter().zip(white(without, floors)).zip(floors);
-        for ((with, without), ((a, b), floor)) in with.iter().zip(without).zip(noises) {
+        let mut out = Self { promised: 0.0, gained: 0.0, left: 0.0 };
+        let noises = white(with, floors).into_iter().zip(white(without, floors));
+        for ((with, without), (a, b)) in with.iter().zip(without).zip(noises) {
             let sigma = a.sigma.min(b.sigma);
             if !(sigma > 0.0 && sigma.is_finite()) {
                 continue;
             }
-            let mut here = 0.0;
             for (x, y) in with.iter().flatten().zip(without.iter().flatten()) {
-                here += ((x - y) / sigma).powi(2);
-                gained += (y * y - x * x) / (sigma * sigma);
+                out.promised += ((x - y) / sigma).powi(2);
+                out.gained += (y * y - x * x) / (sigma * sigma);
             }
-            let better = if a.sigma < b.sigma { with } else { without };
-            promised += here;
-            remembered += here * memory(&estimate(better, *floor)).max(1.0);
         }
-        let memory = if promised > 0.0 { remembered / promised } else { 1.0 };
-        Self { promised, gained, memory, left: 0.0 }
+        out
     }
 }
 
@@ -330,7 +322,7 @@ impl AdditionTest {
     pub fn told(&self, addition: &Column) -> Confirmation {
         let (promised, gained) = self.screen.as_it_is(addition);
         let left = self.event.map_or(0.0, |without| part(without - gained, without));
-        Confirmation { promised, gained, left, memory: 1.0 }
+        Confirmation { promised, gained, left }
     }
 }
 
