@@ -55,7 +55,7 @@ impl Pose {
     }
 }
 
-/// Where the robot stood, m: forward, up, in the order in which it came there. What its feet found of the floor.
+/// Where the robot stood, m: forward, up, from behind; each place as it was first found.
 fn footholds_m(poses: &[Pose]) -> Vec<[f64; 2]> {
     let mut feet: Vec<[f64; 2]> = poses.iter().map(|pose| pose.foot_m).collect();
     feet.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -77,11 +77,12 @@ fn floor_m(footholds_m: &[[f64; 2]], at_m: f64) -> f64 {
 #[must_use]
 pub fn figure(poses: &[Pose], periodic: bool) -> String {
     let rows: Vec<_> = poses.iter().map(Pose::row).collect();
-    let feet: Vec<_> = footholds_m(poses).into_iter().map(|foot| foot.map(round)).collect();
-    let data = json!({"periodic": periodic, "rows": rows, "feet": feet}).to_string();
+    let data = json!({"periodic": periodic, "rows": rows}).to_string();
+    // A periodic motion walks on for ever: its floor moves by one mark at most.
+    let floor = if periodic { floor_path(&[], [-AROUND_M, AROUND_M]) } else { floor_of(poses) };
     format!(
-        "<figure><svg id=\"walk\" class=\"plot\" viewBox=\"0 -12 860 360\" role=\"img\" aria-label=\"the robot walks\">\
-         <path id=\"floor\" stroke=\"var(--soft)\" fill=\"none\"/>\
+        "<figure><svg id=\"walk\" class=\"plot\" viewBox=\"{}\" role=\"img\" aria-label=\"the robot walks\">\
+         <path id=\"floor\" stroke=\"var(--soft)\" fill=\"none\" d=\"{floor}\"/>\
          <line id=\"outer\" stroke=\"var(--refitted)\" stroke-width=\"6\" stroke-linecap=\"round\"/>\
          <line id=\"inner\" stroke=\"var(--explained)\" stroke-width=\"6\" stroke-linecap=\"round\"/>\
          <line id=\"body\" stroke=\"var(--ink)\" stroke-width=\"10\" stroke-linecap=\"round\"/>\
@@ -90,6 +91,7 @@ pub fn figure(poses: &[Pose], periodic: bool) -> String {
          <figcaption>Real time; a click halts it. Inner leg <span style=\"color:var(--explained)\">━</span>, outer leg \
          <span style=\"color:var(--refitted)\">━</span>.</figcaption></figure>\
          <script type=\"application/json\" id=\"motion\">{data}</script><script>{}</script>",
+        view_box(poses, 360.0),
         include_str!("animation.js")
     )
 }
@@ -136,22 +138,36 @@ pub fn animated_svg(poses: &[Pose]) -> String {
         animate("x2", &|j| 430.0 + BODY_PIXELS * libm::sin(j.body_rad)),
         animate("y2", &|j| hip_y(j) - BODY_PIXELS * libm::cos(j.body_rad)),
     ];
-    let hips = joints.iter().map(|j| j.hip_m[0]);
-    let [least_m, most_m] = [hips.clone().fold(f64::INFINITY, f64::min), hips.fold(f64::NEG_INFINITY, f64::max)];
-    let floor = floor_path(&footholds_m(poses), [least_m - 2.0, most_m + 2.0]);
+    let floor = floor_of(poses);
     let shifts: Vec<String> = joints.iter().map(|j| format!("{:.1} 0", 430.0 - PIXELS_PER_M * j.hip_m[0])).collect();
     format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 -12 860 340\" width=\"860\" height=\"340\"><style>{STYLE}</style>\
-         <rect y=\"-12\" width=\"100%\" height=\"100%\" fill=\"var(--paper)\"/>\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"{}\" width=\"860\"><style>{STYLE}</style>\
+         <rect y=\"-100%\" height=\"300%\" width=\"100%\" fill=\"var(--paper)\"/>\
          <path stroke=\"var(--soft)\" fill=\"none\" d=\"{floor}\"><animateTransform attributeName=\"transform\" type=\"translate\" \
          dur=\"{duration_s:.2}s\" repeatCount=\"indefinite\" values=\"{}\"/></path>{}{}{}\
          <circle cx=\"430\" r=\"8\" fill=\"var(--ink)\">{}</circle></svg>\n",
+        view_box(poses, 340.0),
         shifts.join(";"),
         leg("refitted", &|j| j.outer_m),
         leg("explained", &|j| j.inner_m),
         line("ink", 10, body),
         animate("cy", &hip_y)
     )
+}
+
+/// What of the drawing is shown, so high on level floor: as much more as the robot climbs and descends.
+fn view_box(poses: &[Pose], height: f64) -> String {
+    let heights = poses.iter().map(|pose| pose.foot_m[1]);
+    let (lowest_m, highest_m) = heights.fold((0.0, 0.0), |(low, high): (f64, f64), y| (low.min(y), high.max(y)));
+    let above = 12.0 + PIXELS_PER_M * highest_m;
+    format!("0 {:.0} 860 {:.0}", -above, height + PIXELS_PER_M * (highest_m - lowest_m))
+}
+
+/// The floor under all of a walk.
+fn floor_of(poses: &[Pose]) -> String {
+    let hips = poses.iter().map(|pose| pose.joints().hip_m[0]);
+    let [least_m, most_m] = [hips.clone().fold(f64::INFINITY, f64::min), hips.fold(f64::NEG_INFINITY, f64::max)];
+    floor_path(&footholds_m(poses), [least_m - AROUND_M, most_m + AROUND_M])
 }
 
 /// The floor from place to place, m, with marks 200 mm apart: it moves under the robot.
@@ -176,6 +192,9 @@ fn floor_path(footholds_m: &[[f64; 2]], [from_m, to_m]: [f64; 2]) -> String {
     }
     path
 }
+
+/// How far the floor is drawn before and behind the hip, m: more than half the drawing.
+const AROUND_M: f64 = 2.0;
 
 /// Footholds closer than this are one, m.
 const ONE_PLACE_M: f64 = 1e-3;
@@ -207,7 +226,9 @@ mod tests {
         }
         assert!(floor_m(&[], 1.0).abs() < 1e-12);
         assert!(animated_svg(&poses).contains("L100 305.0L200 320.0L"), "in the drawing");
-        assert!(figure(&poses, false).contains(r#""feet":[[0.0,0.0],[0.4,0.02],[0.8,-0.04]]"#), "in the page");
+        assert!(animated_svg(&poses).contains("viewBox=\"0 -17 860 355\""), "5 px up and 10 px down besides");
+        assert!(figure(&poses, false).contains("L100 305.0L200 320.0L"), "in the page");
+        assert!(figure(&poses, true).contains("d=\"M-500 310.0L500 310.0M"), "a periodic motion has a level floor");
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! recording and faults. Elsewhere: one line a second ([`plain`]). Both show the same [`state`]. RT: no.
 
 mod figure;
+mod footing;
 mod plain;
 mod screen;
 mod state;

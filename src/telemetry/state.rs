@@ -1,7 +1,7 @@
 //! What the view knows: the newest tick, and what has to be gathered over many. RT: no.
 
 use super::Side;
-use super::figure::{self, Foothold};
+use super::footing::Footing;
 use crate::base::time::{Span, Stamp};
 use crate::config::checked::Config;
 use crate::msg::{BUSES, FaultCode, LidarState, Mode, Terrain, TerrainState, TickRecord, ZeroState};
@@ -15,8 +15,6 @@ pub(super) const HISTORY_POINTS: usize = 240;
 const HISTORY_STEP: Span = Span::from_ms(50);
 /// Events that are kept.
 const EVENTS: usize = 50;
-/// Footholds that are kept: what fits on a wide screen.
-const FOOTHOLDS: usize = 24;
 
 /// Everything that is shown.
 pub(super) struct State {
@@ -28,8 +26,7 @@ pub(super) struct State {
     pub(super) step_ns: Histogram<u64>,
     /// Hip torque let through, Nm, oldest first.
     pub(super) torque_nm: VecDeque<f64>,
-    /// Where feet stood before the stance foot, in its frame, oldest first: what the feet found of the floor.
-    pub(super) footholds: VecDeque<Foothold>,
+    pub(super) footing: Footing,
     /// Mode changes, faults and notices with their times, newest last.
     pub(super) events: VecDeque<(Span, String)>,
     /// Ticks that the view itself did not get.
@@ -78,7 +75,7 @@ impl State {
             wake_ns: histogram()?,
             step_ns: histogram()?,
             torque_nm: VecDeque::with_capacity(HISTORY_POINTS),
-            footholds: VecDeque::with_capacity(FOOTHOLDS),
+            footing: Footing::default(),
             events: VecDeque::with_capacity(EVENTS),
             missed: 0,
             side: Side::default(),
@@ -100,7 +97,7 @@ impl State {
         self.notice_events(tick);
         self.notice_losses(tick);
         self.notice_lidar(tick);
-        self.notice_step(tick);
+        self.footing.take(&self.config, &self.tick, tick);
         record(&mut self.wake_ns, tick.input.wake_latency);
         record(&mut self.step_ns, tick.input.step_time);
         let batches = tick.input.received.iter().zip(&tick.output.send);
@@ -178,19 +175,6 @@ impl State {
         }
     }
 
-    /// A foot has landed: all that lies behind is seen from it.
-    fn notice_step(&mut self, tick: &TickRecord) {
-        let before = &self.tick;
-        let landed = before.estimate.valid && tick.estimate.valid && before.estimate.stance != tick.estimate.stance;
-        if self.seen && landed {
-            let new = figure::swing_toe(&self.config, &before.estimate, &before.snapshot);
-            keep(&mut self.footholds, FOOTHOLDS, (0.0, 0.0));
-            for (x, y) in &mut self.footholds {
-                (*x, *y) = (*x - new.0, *y - new.1);
-            }
-        }
-    }
-
     fn event(&mut self, text: String) {
         self.event_at(self.tick.input.now, text);
     }
@@ -261,7 +245,6 @@ pub(super) const fn mode_name(mode: Mode) -> &'static str {
 mod tests {
     use super::*;
     use crate::config;
-    use crate::msg::{Estimate, Leg};
 
     #[test]
     fn a_lidar_in_trouble_and_a_correction_that_is_held_are_told_when_they_begin() {
@@ -282,27 +265,6 @@ mod tests {
         }
         let of = |what: &str| told.iter().filter(|line| line.contains(what)).count();
         assert_eq!((of("lidar Hardware, status 52"), of("is held"), of("lidar Streaming")), (1, 1, 1), "{told:?}");
-    }
-
-    #[test]
-    fn footholds_stay_behind_the_robot_as_high_as_the_feet_found_them() {
-        let mut state = State::new(&config::load(None, &[]).unwrap().config).unwrap();
-        let step = |stance: Leg| {
-            let mut tick = TickRecord::default();
-            let standing =
-                Estimate { theta_stance_rad: 0.2, theta_swing_rad: -0.3, valid: true, ..Estimate::default() };
-            tick.estimate = Estimate { stance, ..standing };
-            tick
-        };
-        for stance in [Leg::Inner, Leg::Inner, Leg::Outer, Leg::Inner] {
-            state.take(&step(stance));
-        }
-        let (forward, up) = (-libm::sin(0.2) - libm::sin(0.3), libm::cos(0.2) - libm::cos(0.3));
-        let expected = [(-2.0 * forward, -2.0 * up), (-forward, -up)];
-        assert_eq!(state.footholds.len(), 2, "one for each change of the stance leg");
-        for ((x, y), (x0, y0)) in state.footholds.iter().zip(expected) {
-            assert!((x - x0).abs() < 1e-12 && (y - y0).abs() < 1e-12, "{x} {y}, expected {x0} {y0}");
-        }
     }
 
     #[test]
