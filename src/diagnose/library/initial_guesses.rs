@@ -9,6 +9,7 @@ use crate::diagnose::screen::scales::{JointScale, Scales};
 use crate::diagnose::screen::scan::{Hit, jump, linear, push, ripple};
 use crate::diagnose::screen::score_test::ScoreTest;
 use crate::diagnose::screen::spectral_peaks::peaks_hz;
+use crate::diagnose::screen::subsample::windows_of_a_first_look;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::noise::spread;
 use crate::model::effect::EffectKind;
@@ -36,10 +37,11 @@ pub fn candidates(
     let narrow = |c: &Candidate, joint: &JointScale| {
         c.at == joint.name && ["link_flexibility", "joint_elasticity"].contains(&c.effect)
     };
+    let some = windows_of_a_first_look(now, windows);
     let mut rings: Vec<(usize, Vec<Line>)> = Vec::new();
     for (j, joint) in scales.joints.iter().enumerate() {
         if all.iter().any(|c| narrow(c, joint)) {
-            let lines = lines(now, scales, (screen, windows), j, &peaks_hz);
+            let lines = lines(now, scales, (screen, &some), j, &peaks_hz);
             all.iter_mut().filter(|c| narrow(c, joint)).for_each(|c| start_at_lines(c, joint, &lines));
             rings.push((j, lines));
         }
@@ -55,7 +57,7 @@ pub fn candidates(
     }
     for (j, joint) in scales.joints.iter().enumerate() {
         if joint.borne {
-            all.extend(ripple_candidates(scales, [fine, coarse], windows, j));
+            all.extend(ripple_candidates(scales, [fine, coarse], &some, j));
         }
         all.extend(push_candidate(now, scales, screen, windows, j));
     }

@@ -7,10 +7,10 @@ use crate::diagnose::judge::verdict::{Law, Place};
 use crate::diagnose::screen::ltv::LtvWindow;
 use crate::diagnose::screen::scan::{Curve, Over, state_curve, time_curve, vibration, vibration_columns};
 use crate::diagnose::screen::score_test::{Column, ScoreTest};
+use crate::diagnose::screen::subsample::windows_of_a_first_look;
 use crate::identify::covariance::band_95;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::noise::Colour;
-use crate::model::rig::Rig;
 
 /// Knots of a free curve over position or rate: smooth laws, and narrow ones (a detent, a magnet).
 const KNOTS: [usize; 2] = [40, 120];
@@ -101,9 +101,10 @@ pub(in crate::diagnose) fn share(found: &FittedModel, p: &Pattern) -> f64 {
     (p.gain / energy.max(1e-12)).clamp(0.0, 1.0)
 }
 
-/// All ways in which a free force could go with something, joint by joint.
-pub(in crate::diagnose) fn patterns(rig: &Rig, screen: &ScoreTest, windows: &[LtvWindow]) -> Vec<Pattern> {
-    let names = rig.mechanism.coordinates();
+/// All ways in which a free force could go with something, joint by joint; `screen`, `windows`: of the fit `of`.
+pub(in crate::diagnose) fn patterns(of: &FittedModel, screen: &ScoreTest, windows: &[LtvWindow]) -> Vec<Pattern> {
+    let names = of.rig.mechanism.coordinates();
+    let some = windows_of_a_first_look(of, windows);
     let mut out = Vec::new();
     for (joint, name) in names.iter().enumerate() {
         for (over, what) in [(Over::Angle, "position"), (Over::Rate, "rate")] {
@@ -119,15 +120,20 @@ pub(in crate::diagnose) fn patterns(rig: &Rig, screen: &ScoreTest, windows: &[Lt
                 }));
             }
         }
-        out.extend(vibration_pattern(screen, windows, joint));
+        out.extend(vibration_pattern(screen, (windows, &some), joint));
         out.extend(time_patterns(screen, windows, joint));
     }
     out
 }
 
-fn vibration_pattern(screen: &ScoreTest, windows: &[LtvWindow], joint: usize) -> Option<Pattern> {
+/// A vibration, its frequency sought in `some` of the windows first.
+fn vibration_pattern(
+    screen: &ScoreTest,
+    (windows, some): (&[LtvWindow], &[LtvWindow]),
+    joint: usize,
+) -> Option<Pattern> {
     let grid: Vec<f64> = (0..80).map(|i| 0.5 * libm::pow(1.05, f64::from(i))).collect();
-    let coarse = vibration(screen, windows, joint, &grid)?.at;
+    let coarse = vibration(screen, some, joint, &grid)?.at;
     // A recording of some seconds resolves more than the grid.
     let fine: Vec<f64> = (-10..=10).map(|i| coarse * (1.0 + 0.005 * f64::from(i))).collect();
     let hit = vibration(screen, windows, joint, &fine)?;

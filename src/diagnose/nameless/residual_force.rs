@@ -260,7 +260,7 @@ fn structure(of: &FittedModel, with_time: bool, context: &Context, said: &mut dy
     let windows = ltv_windows(of)?;
     let (runs, point) = FreeInstants::around(of, &windows, TOUCHDOWN_S);
     let screen = ScoreTest::new(&runs, &point, &of.noise)?;
-    let mut patterns = patterns(&of.rig, &screen, &windows);
+    let mut patterns = patterns(of, &screen, &windows);
     patterns.retain(|p| with_time || !p.is_over_time());
     patterns.sort_by(|a, b| b.excess().total_cmp(&a.excess()));
     let best = patterns.first()?;

@@ -145,7 +145,7 @@ impl OnWholeWindows {
 struct Stood {
     /// Each effect alone on top of the base.
     each: Vec<CandidateFit>,
-    /// All of them together, where that is better than what was found without.
+    /// All of them together, where the search goes on from these: that is better than what was found without, or gains no less.
     together: Option<Selection>,
 }
 
@@ -201,7 +201,9 @@ fn on_whole_windows(
     let is_explained = !selection.added.is_empty();
     if let Some(base) = other.or_else(|| is_explained.then(|| start.base_shown_by(&selection.found))?) {
         start.computes_as(base, experiment, said);
-        let stood = Stood { each: start.each_alone(&selection), together: None };
+        let each = start.each_alone(&selection);
+        let together = start.stands_beside_numerics(&selection, &each);
+        let stood = Stood { each: if together.is_some() { Vec::new() } else { each }, together };
         selection = searched(experiment, &start, stood, |_| false, said);
     }
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);

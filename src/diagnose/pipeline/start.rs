@@ -4,7 +4,7 @@
 
 use crate::diagnose::base_model::{DiagnoseError, again, ready, runaway};
 use crate::diagnose::input_checks::at_bounds;
-use crate::diagnose::judge::criterion::Context;
+use crate::diagnose::judge::criterion::{Context, compare};
 use crate::diagnose::judge::estimates::estimates;
 use crate::diagnose::judge::evidence::Ledger;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
@@ -163,13 +163,22 @@ impl Start {
         })
     }
 
+    /// The one effect of `selection`, which was found with other numerics, as `each` has it, with its rivals, if it gains no less on top of
+    /// the base now: it did not stand for the numerics.
+    pub(super) fn stands_beside_numerics(&self, selection: &Selection, each: &[CandidateFit]) -> Option<Selection> {
+        let ([added], [again]) = (&selection.added[..], each) else { return None };
+        let gain = compare(&again.hypothesis, &self.base, &self.context).total;
+        let stands = || Selection { added: vec![SelectedEffect { gain, ..added.clone() }], ..selection.clone() };
+        (gain >= added.gain).then(|| self.together_on_whole_windows(stands(), again.hypothesis.clone()))
+    }
+
     /// Each effect of `selection`, which was found in pieces of the windows, alone on the whole ones, from its numbers there.
     pub(super) fn each_on_whole_windows(&self, selection: &Selection) -> Vec<CandidateFit> {
         self.each_fitted(selection, |rig| anew(&self.base.problem, &rig, &self.context.floors))
     }
 
-    /// The effects of `selection`, which was found in pieces of the windows, together on the whole ones, as `found` stands there, each with
-    /// its rivals in its place.
+    /// The effects of `selection`, which was found in pieces of the windows or with other numerics, together on top of the base, as `found`
+    /// stands there, each with its rivals in its place.
     pub(super) fn together_on_whole_windows(&self, selection: Selection, found: FittedModel) -> Selection {
         let (floors, given) = (&self.context.floors, self.context.given);
         let carried = |trial: &CandidateFit, e: usize| {
@@ -361,6 +370,17 @@ mod tests {
         start.base.rig.numerics.euler_step_s = Some(0.01);
         let alone = start.each_alone(&selection);
         assert_eq!(alone.len(), 2);
+        let stands = |gain: f64| {
+            let mut one = selection.clone();
+            one.added.truncate(1);
+            one.added[0].gain = gain;
+            start.stands_beside_numerics(&one, &alone[..1])
+        };
+        let gained = compare(&alone[0].hypothesis, &start.base, &start.context).total;
+        let together = stands(gained - 1.0).expect("it gains more");
+        assert_eq!((together.added[0].gain, &together.found.rig), (gained, &alone[0].hypothesis.rig));
+        assert!(stands(gained + 1.0).is_none(), "it gained more with the other numerics");
+        assert!(start.stands_beside_numerics(&selection, &alone).is_none(), "two may stand for one another");
         let whole = start.each_on_whole_windows(&selection);
         assert_eq!(whole.len(), 2);
         let bias = CandidateFit { gain: 80.0, ..whole[1].clone() };

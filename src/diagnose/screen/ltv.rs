@@ -24,7 +24,7 @@ pub type InputMap = SMatrix<f64, STATES, JOINTS>;
 pub type StateRow = SVector<f64, STATES>;
 
 /// One window of the base solution, linearised.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct LtvWindow {
     /// Index of the recording.
     pub recording: usize,
@@ -47,6 +47,12 @@ impl LtvWindow {
     #[must_use]
     pub fn rows(&self) -> usize {
         self.t_s.len()
+    }
+
+    /// A window in which nothing acts, for a first look at others: its response is empty.
+    #[must_use]
+    pub fn left_out(&self) -> Self {
+        Self { recording: self.recording, ..Self::default() }
     }
 
     /// Response of the channels to a force at `joint` given per row.

@@ -35,7 +35,7 @@ pub fn flexibility(
     absolute: &[usize],
     peaks_hz: &[f64],
 ) -> Vec<Hit<(f64, f64)>> {
-    let Some(step_s) = windows.first().filter(|w| w.rows() > 2).map(|w| w.t_s[1] - w.t_s[0]) else { return Vec::new() };
+    let Some(step_s) = windows.iter().find(|w| w.rows() > 2).map(|w| w.t_s[1] - w.t_s[0]) else { return Vec::new() };
     let highest = highest_hz(step_s);
     let count = (libm::log(highest / LOWEST_HZ) / libm::log(RATIO)).max(0.0) as usize;
     let even = (0..=count).flat_map(|i| DAMPINGS.map(|z| (LOWEST_HZ * libm::pow(RATIO, i as f64), z)));
@@ -68,7 +68,9 @@ fn responses(windows: &[LtvWindow], inertia: f64, absolute: &[usize], (hz, dampi
         let first = parts.next().unwrap_or_default();
         parts.fold(first, |sum, part| sum.iter().zip(&part).map(|(a, b)| added(a, b)).collect())
     };
-    let free = |w: &LtvWindow| [[1.0, 0.0], [0.0, omega]].map(|start| felt(w, start, false)).into();
+    let free = |w: &LtvWindow| {
+        if w.rows() == 0 { Own::new() } else { [[1.0, 0.0], [0.0, omega]].map(|start| felt(w, start, false)).into() }
+    };
     (windows.iter().map(|w| felt(w, [0.0, 0.0], true)).collect(), windows.iter().map(free).collect())
 }
 

@@ -251,29 +251,31 @@ impl ScoreTest {
     /// Products of whitened `responses` of a window with one another, with its sensitivities and with its residual.
     fn seen(&self, window: &Window, responses: &[&Vec<Vec<f64>>]) -> Seen {
         let (n, states) = (responses.len(), window.gx.len());
-        let (mut rr, mut gr) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        let (mut rr, mut gr) = (DMatrix::zeros(n, n), DMatrix::zeros(n, 1));
         let (mut rp, mut rx) = (DMatrix::zeros(n, self.shared), DMatrix::zeros(n, states));
         for (c, channel) in window.channels.iter().enumerate().filter(|(_, c)| !c.rows.is_empty()) {
             let white: Vec<Vec<f64>> = responses.iter().map(|r| channel.whiten(&self.noise[c], &r[c])).collect();
-            for (a, one) in white.iter().enumerate() {
-                gr[a] += inner_product(one, &channel.residual);
-                for p in 0..self.shared {
-                    rp[(a, p)] += inner_product(one, &channel.slopes[p]);
-                }
-                for x in 0..states {
-                    rx[(a, x)] += inner_product(one, &channel.slopes[self.shared + x]);
-                }
-                for (b, other) in white.iter().enumerate().take(a + 1) {
-                    let product = inner_product(one, other);
-                    rr[(a, b)] += product;
-                    if a != b {
-                        rr[(b, a)] += product;
-                    }
-                }
-            }
+            rr += products(&white, &white);
+            let with_slopes = products(&white, &channel.slopes);
+            rp += with_slopes.columns(0, self.shared);
+            rx += with_slopes.columns(self.shared, states);
+            gr += products(&white, std::slice::from_ref(&channel.residual));
         }
-        Seen { rr, rp, rx, gr }
+        Seen { rr, rp, rx, gr: gr.column(0).into_owned() }
     }
+}
+
+/// Signals from which on their products are taken as those of matrices, in blocks that stay in the cache.
+const MATRIX: usize = 8;
+
+/// Inner products of each signal of `a` with each of `b`, all of one length.
+fn products(a: &[Vec<f64>], b: &[Vec<f64>]) -> DMatrix<f64> {
+    let rows = a.first().map_or(0, Vec::len);
+    if a.len().min(b.len()) < MATRIX {
+        return DMatrix::from_fn(a.len(), b.len(), |i, j| inner_product(&a[i], &b[j]));
+    }
+    let beside = |signals: &[Vec<f64>]| DMatrix::from_vec(rows, signals.len(), signals.concat());
+    beside(a).transpose() * beside(b)
 }
 
 /// Products of the responses of one window: with one another, with parameters, states and residual.
@@ -506,6 +508,17 @@ mod tests {
         let promised = screen.promise(&[step.clone(), vec![bend.clone()]], &[], &a);
         let beside = screen.promise(&[step], &[vec![bend]], &b);
         assert!((promised - beside).abs() < 1e-6 * promised.abs(), "{promised} {beside}");
+    }
+
+    #[test]
+    fn many_products_are_those_of_each_two() {
+        let signals = |count: usize| -> Vec<Vec<f64>> {
+            (0..count).map(|i| (0..50).map(|k| libm::sin((i * k) as f64)).collect()).collect()
+        };
+        let (a, b) = (signals(MATRIX + 3), signals(MATRIX));
+        let all = products(&a, &b);
+        let is_right = |(i, j): (usize, usize)| (all[(i, j)] - inner_product(&a[i], &b[j])).abs() < 1e-12;
+        assert!((0..a.len()).all(|i| (0..b.len()).all(|j| is_right((i, j)))));
     }
 
     #[test]
