@@ -138,6 +138,9 @@ impl Args {
         for chapter in &told.chapters {
             writeln!(out, "{}\n{}", chapter.heading, chapter.table.to_text())?;
         }
+        for why in results.not_armed() {
+            writeln!(out, "{why}")?;
+        }
         let pages = if is_drawn { ", report.html and plots.svg" } else { " and report.html; there is nothing to draw" };
         writeln!(out, "written    {}{pages}", self.out.join("results.json").display())?;
         Ok(if results.all_completed(self.shard()) { Outcome::Fine } else { Outcome::Finding })

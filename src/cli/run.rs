@@ -134,7 +134,7 @@ impl Run for Args {
         }
         let closed = archive.finish();
         let mut words = Vec::new();
-        summary::write(&mut words, &summary, &closed)?;
+        summary::write(&mut words, &summary, &resolved.config.robot.limits, &closed)?;
         beside.iter().flatten().try_for_each(|line| writeln!(words, "{line}"))?;
         view.finish(String::from_utf8_lossy(&words).into_owned());
         let lost = closed.recorded.as_ref().map_or(0, |(_, status)| status.dropped);

@@ -7,6 +7,7 @@ use super::run::duration;
 use super::{Outcome, Run, from_one, progress, refused, seed};
 use crate::base::time::Span;
 use crate::config::Resolved;
+use crate::config::checked::Limits;
 use crate::config::fault::Place;
 use crate::msg::TickRecord;
 use crate::record::Recorder;
@@ -92,7 +93,8 @@ impl Run for Args {
         });
         let took = start.elapsed();
         bar.finish_and_clear();
-        print(&mut io::stdout().lock(), &summary, self.length_s, took, lockstep.digest())?;
+        let limits = &resolved.config.robot.limits;
+        print(&mut io::stdout().lock(), &summary, limits, (self.length_s, took), lockstep.digest())?;
         if let Some(recorder) = recorder {
             let path = recorder.path();
             let status = recorder.finish();
@@ -120,12 +122,21 @@ fn push(recorder: &Recorder, record: &TickRecord) {
     recorder.push(record);
 }
 
-fn print(out: &mut impl Write, s: &Summary, length_s: f64, took: Duration, digest: u64) -> io::Result<()> {
+fn print(
+    out: &mut impl Write,
+    s: &Summary,
+    limits: &Limits,
+    (length_s, took): (f64, Duration),
+    digest: u64,
+) -> io::Result<()> {
     let took_s = took.as_secs_f64();
     let verdict = if s.stands() { "stands" } else { "does not stand" };
     writeln!(out, "result     {verdict}, mode {}, first fault {}", s.mode.name(), s.first_fault)?;
     writeln!(out, "simulated  {length_s} s in {took_s:.2} s: {:.0} times real time", length_s / took_s)?;
     writeln!(out, "ticks      {}, armed {}", s.ticks, s.armed_ticks)?;
+    if let Some(blocker) = &s.held_back_by {
+        writeln!(out, "not armed  {}", limits.told_at_arming(blocker))?;
+    }
     if s.steps > 0 {
         let speed = s.mean_speed_m_s.map(|v| format!(" at {v:.2} m/s")).unwrap_or_default();
         let cost = s.cost_of_transport.map(|c| format!(", cost of transport {c:.3}")).unwrap_or_default();
@@ -154,6 +165,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::msg::FaultCode;
 
     #[test]
     fn times_are_understood_with_and_without_unit() {
@@ -169,9 +181,29 @@ mod tests {
     fn figures_of_the_end_say_how_much_of_the_run_they_are() {
         for (length_s, told) in [(5.0, "last 5 s   peak to peak"), (60.0, "last 10 s  peak to peak")] {
             let mut out = Vec::new();
-            print(&mut out, &Summary::default(), length_s, Duration::from_secs(1), 0).unwrap();
+            let limits = crate::config::load(None, &[]).unwrap().config.robot.limits;
+            print(&mut out, &Summary::default(), &limits, (length_s, Duration::from_secs(1)), 0).unwrap();
             let text = String::from_utf8(out).unwrap();
             assert!(text.contains(told), "{text}");
         }
+    }
+
+    #[test]
+    fn a_robot_that_leans_too_far_is_told_why_it_was_not_armed() {
+        let told = |lean: &str| {
+            let config = crate::config::load(None, &[format!("sim.initial_angle_rad=[{lean}, 0.0]")]).unwrap().config;
+            let mut lockstep = Lockstep::new(&config).unwrap();
+            let summary = scenario::run(&mut lockstep, Span::from_ms(1500), TAIL, |_, _| ());
+            let mut out = Vec::new();
+            print(&mut out, &summary, &config.robot.limits, (1.5, Duration::from_secs(1)), 0).unwrap();
+            (summary, String::from_utf8(out).unwrap())
+        };
+        let (summary, text) = told("0.1");
+        let blocker = summary.held_back_by.unwrap();
+        // The attitude errs by some mrad.
+        assert!(blocker.code == FaultCode::TiltLimit && (blocker.value - 0.1).abs() < 0.02, "{blocker:?}");
+        let (deg, limit) = (blocker.value.to_degrees(), "limit robot.limits.arm_tilt_rad = 0.07 (4.0 deg)");
+        assert!(text.contains(&format!("not armed  TiltLimit: {deg:.1} deg, {limit}\n")), "{text}");
+        assert!(!told("0.03").1.contains("not armed"));
     }
 }

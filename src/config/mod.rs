@@ -9,6 +9,7 @@
 //! [`Choice::model`] puts the model of a diagnosis in the place of `robot.model`.
 //! RT: before arming only.
 
+mod arming;
 pub mod checked;
 mod consistency;
 mod drive;

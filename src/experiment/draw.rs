@@ -236,7 +236,8 @@ fn causes(results: &Results) -> Option<Chapter> {
         let count = |kind: &&String| g.ends.get(*kind).map(ToString::to_string).unwrap_or_default();
         table.push(std::iter::once(name(g, &[])).chain(kinds.iter().map(count)));
     }
-    let note = "Runs by how they ended; the rules are in src/sim/outcome/fall.rs.".to_owned();
+    let rules = "Runs by how they ended; the rules are in src/sim/outcome/fall.rs.".to_owned();
+    let note = std::iter::once(rules).chain(results.not_armed()).collect::<Vec<_>>().join(" ");
     Some(Chapter { heading: "What went wrong".into(), note, plots: Vec::new(), table })
 }
 

@@ -75,6 +75,9 @@ pub struct Group {
     pub ends: BTreeMap<String, u32>,
 }
 
+/// Runs that were not armed, told one by one.
+const MOST_NOT_ARMED: usize = 5;
+
 impl Results {
     /// Of the records of a plan with so many runs.
     #[must_use]
@@ -96,6 +99,22 @@ impl Results {
             groups: groups.iter().map(|runs| group(runs)).collect(),
             runs,
         }
+    }
+
+    /// Why runs were never armed, a sentence each; beyond some only how many more there are.
+    #[must_use]
+    pub fn not_armed(&self) -> Vec<String> {
+        let told = self.runs.iter().filter_map(|run| {
+            let why = run.not_armed_by.as_ref()?;
+            Some(format!("Run {}, seed {}, was not armed: {why}.", run.index, run.seed))
+        });
+        let mut all: Vec<String> = told.collect();
+        if all.len() > MOST_NOT_ARMED {
+            let more = all.len() - MOST_NOT_ARMED;
+            all.truncate(MOST_NOT_ARMED);
+            all.push(format!("So were {more} more: not_armed_by in results.json."));
+        }
+        all
     }
 
     /// All that was planned for a shard (from 1, of so many) is there and every run of it completed.
@@ -190,6 +209,7 @@ pub(super) mod tests {
             steps,
             end,
             first_fault: "None".into(),
+            not_armed_by: None,
             time_s: 0.6 * f64::from(steps),
             distance_m: 0.25 * f64::from(steps),
             first_step_s: Some(0.6),

@@ -55,6 +55,9 @@ pub struct RunRecord {
     pub steps: u32,
     pub end: Ended,
     pub first_fault: String,
+    /// Records of earlier versions lack it.
+    #[serde(default)]
+    pub not_armed_by: Option<String>,
     pub time_s: f64,
     pub distance_m: f64,
     /// Records of earlier versions lack it.
@@ -184,6 +187,7 @@ fn record(
         steps: watch.footsteps.steps(),
         end,
         first_fault: lockstep.seen().0.status.first_fault.code.name().to_owned(),
+        not_armed_by: watch.held_back_by().map(|blocker| config.robot.limits.told_at_arming(&blocker)),
         time_s: lockstep.now().since(Stamp::default()).as_s(),
         distance_m: watch.footsteps.distance_m(),
         first_step_s: watch.first_step_s(),

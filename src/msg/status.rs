@@ -36,6 +36,8 @@ message! {
         pub faults: u32,
         /// Why arming is not possible now: bit i is fault code i; 0 = could arm.
         pub arm_blockers: u64,
+        /// The first of them in the order of blame, with its value.
+        pub arm_blocker: Fault,
         /// Ticks since start.
         pub ticks: u64,
         /// Periods skipped since start.

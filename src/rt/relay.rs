@@ -10,6 +10,7 @@ use crate::channel::port::{ChannelError, Endpoint, Publisher};
 use crate::channel::ring::Ring;
 use crate::channel::topic;
 use crate::msg::{Fault, MocapSample, RecorderStatus, TickRecord};
+use crate::safety::HeldBack;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -54,6 +55,8 @@ pub struct Observed {
     pub began: Option<Stamp>,
     /// The last tick.
     pub last: Box<TickRecord>,
+    /// What kept it from being armed.
+    pub held_back: HeldBack,
     /// Something was latched that is no ordinary end: neither a stop nor the switch let go.
     pub faulted: bool,
     /// Ticks that had no room on their way to the relay, or came after it had ended by a panic.
@@ -132,6 +135,7 @@ impl Relay {
     fn observe(&mut self, record: &TickRecord) {
         self.observed.began.get_or_insert(record.input.now);
         self.observed.stats.observe(record);
+        self.observed.held_back.look(&record.status);
         let new_fault = record.status.faults > self.observed.last.status.faults;
         self.observed.faulted |= new_fault && !record.status.first_fault.code.is_ordinary_end();
         if new_fault && self.observed.faults.len() < MOST_FAULTS {

@@ -15,6 +15,8 @@ pub(super) struct Findings {
     /// Bits of what is no fault in this mode.
     tolerated: u64,
     first: Option<Fault>,
+    /// The first at all, tolerated or not.
+    blocker: Fault,
     bits: u64,
 }
 
@@ -29,18 +31,21 @@ const HOMING_TOLERATES: u64 = 1 << FaultCode::ZeroUnknown as u8
     | 1 << FaultCode::OutOfRange as u8;
 
 impl Findings {
-    const fn none(now: Stamp, mode: Mode) -> Self {
+    fn none(now: Stamp, mode: Mode) -> Self {
         let tolerated = if matches!(mode, Mode::Homing) { HOMING_TOLERATES } else { 0 };
-        Self { now, tolerated, first: None, bits: 0 }
+        Self { now, tolerated, first: None, blocker: Fault::default(), bits: 0 }
     }
 
     fn note(&mut self, wrong: bool, code: FaultCode, index: usize, value: f64) {
         if wrong {
             let bit = 1 << code as u8;
+            let fault = Fault { code, index: u8::try_from(index).unwrap_or(u8::MAX), stamp: self.now, value };
+            if self.bits == 0 {
+                self.blocker = fault;
+            }
             self.bits |= bit;
             if self.tolerated & bit == 0 {
-                let index = u8::try_from(index).unwrap_or(u8::MAX);
-                self.first.get_or_insert(Fault { code, index, stamp: self.now, value });
+                self.first.get_or_insert(fault);
             }
         }
     }
@@ -53,6 +58,11 @@ impl Findings {
     /// The first in the order of blame.
     pub(super) const fn first(&self) -> Option<Fault> {
         self.first
+    }
+
+    /// The first that stands in the way of arming.
+    pub(super) const fn blocker(&self) -> Fault {
+        self.blocker
     }
 
     /// Bit i is fault code i.

@@ -24,6 +24,7 @@
 mod astray;
 mod deadman;
 mod health;
+mod held_back;
 mod latch;
 mod lateness;
 mod limits;
@@ -43,6 +44,8 @@ use lateness::Lateness;
 use limits::{ToeSlew, TorqueGate};
 use mode::Events;
 use silence::Silence;
+
+pub use held_back::HeldBack;
 
 /// After a fault the drives stay disabled at least this long, so that every drive has seen it (four toe periods).
 const DISABLED_AFTER_FAULT: Span = Span::from_ms(100);
@@ -178,7 +181,7 @@ impl Guard {
         let allowed = self.let_through(facts);
         self.note_limits(now);
         self.note_toes(facts, &allowed);
-        Decision { allowed, goal: self.goal(facts.input, hand), status: self.status(facts.input, findings.bits()) }
+        Decision { allowed, goal: self.goal(facts.input, hand), status: self.status(facts.input, &findings) }
     }
 
     fn memory(&self) -> health::Memory {
@@ -271,13 +274,14 @@ impl Guard {
         }
     }
 
-    fn status(&self, input: &TickInput, arm_blockers: u64) -> Status {
+    fn status(&self, input: &TickInput, findings: &health::Findings) -> Status {
         Status {
             mode: self.mode,
             first_fault: self.latch.first(),
             last_fault: self.latch.last(),
             faults: self.latch.count(),
-            arm_blockers,
+            arm_blockers: findings.bits(),
+            arm_blocker: findings.blocker(),
             ticks: input.index.saturating_add(1),
             overruns: self.lateness.total(),
             wake_latency: input.wake_latency,

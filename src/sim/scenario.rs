@@ -65,6 +65,8 @@ pub struct Summary {
     pub attitude_bias_rad: f64,
     /// The robot's stance angle at the end, rad.
     pub stance_angle_rad: f64,
+    /// What kept it from being armed, if it never was.
+    pub held_back_by: Option<Fault>,
     /// True changes of stance.
     pub steps: u32,
     /// From the first foothold to the last, m.
@@ -92,6 +94,7 @@ impl Summary {
         let stretch_m = watch.footsteps.stretch().map(|(_, m)| m);
         self.cost_of_transport = stretch_m.and_then(|m| watch.effort.cost_of_transport(m));
         self.fall = watch.fall();
+        self.held_back_by = watch.held_back_by();
     }
 
     fn add(&mut self, record: &TickRecord, reading: &Reading, tail: bool) {

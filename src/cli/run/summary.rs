@@ -2,13 +2,14 @@
 
 use super::sinks::Closed;
 use crate::base::time::Stamp;
+use crate::config::checked::Limits;
 use crate::msg::{Fault, TickRecord};
 use crate::rt::process::Summary;
 use crate::rt::stats::Percentiles;
 use std::io::{self, Write};
 
 /// Writes it.
-pub(super) fn write(out: &mut impl Write, summary: &Summary, closed: &Closed) -> io::Result<()> {
+pub(super) fn write(out: &mut impl Write, summary: &Summary, limits: &Limits, closed: &Closed) -> io::Result<()> {
     let last = &summary.observed.last;
     writeln!(out, "ticks       {}, {} periods skipped", last.status.ticks, last.status.overruns)?;
     if summary.observed.panicked {
@@ -27,6 +28,9 @@ pub(super) fn write(out: &mut impl Write, summary: &Summary, closed: &Closed) ->
             writeln!(out, "after arming {allocations} allocations, {faults} page faults in the real-time threads")?;
         }
         _ => writeln!(out, "after arming nothing to count: the robot was never armed")?,
+    }
+    if let Some(blocker) = &summary.observed.held_back.by() {
+        writeln!(out, "not armed   {}", limits.told_at_arming(blocker))?;
     }
     for text in summary.missing.in_words() {
         writeln!(out, "not granted {text}")?;

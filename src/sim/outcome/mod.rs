@@ -20,7 +20,8 @@ use super::Reading;
 use super::plant::Plant;
 use crate::base::time::Stamp;
 use crate::config::checked::Config;
-use crate::msg::{FaultCode, Leg, Mode, Motion, TickRecord};
+use crate::msg::{Fault, FaultCode, Leg, Mode, Motion, TickRecord};
+use crate::safety::HeldBack;
 use agreement::Agreement;
 use effort::Effort;
 use fall::{Cause, Happening, History, Irregularity};
@@ -52,7 +53,7 @@ pub struct Watch {
     pub effort: Effort,
     history: History,
     torque_limit_nm: f64,
-    armed_once: bool,
+    held_back: HeldBack,
     ended: Option<Cause>,
     /// Since when it makes its first step, s.
     steps_since_s: Option<f64>,
@@ -98,7 +99,7 @@ impl Watch {
             effort: Effort::new(config),
             history: History::default(),
             torque_limit_nm: config.simulation.torque_limit_nm.map_or(limit_nm, |nm| nm.min(limit_nm)),
-            armed_once: false,
+            held_back: HeldBack::default(),
             ended: None,
             steps_since_s: None,
             first_step_s: None,
@@ -119,14 +120,14 @@ impl Watch {
             return;
         }
         let now_s = now.since(Stamp::default()).as_s();
-        self.armed_once |= record.status.mode == Mode::Armed;
+        self.held_back.look(&record.status);
         if record.control.motion == Motion::StepIn {
             self.steps_since_s.get_or_insert(now_s);
         }
         self.look_at_steps(now_s, record.control.motion.is_on_both_feet(), &reading);
         self.effort.look(now_s, &reading, plant.hip_torque_nm());
         self.look_at_pushes(plant);
-        if self.armed_once {
+        if self.was_armed() {
             self.look_at_motion(now_s, record, &reading);
             self.judge(now_s, record, &reading);
         }
@@ -226,8 +227,14 @@ impl Watch {
 
     /// Torque reached the motors at some time.
     #[must_use]
-    pub const fn was_armed(&self) -> bool {
-        self.armed_once
+    pub fn was_armed(&self) -> bool {
+        self.held_back.by().is_none()
+    }
+
+    /// What kept it from that, as [`HeldBack::by`].
+    #[must_use]
+    pub fn held_back_by(&self) -> Option<Fault> {
+        self.held_back.by()
     }
 
     /// Largest errors of the estimate while the stance was right: stance angle, rad; its rate, rad/s.
