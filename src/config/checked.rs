@@ -681,6 +681,9 @@ pub struct Simulation {
     pub release_torque_nm: f64,
     /// The hand lets go at the latest so long after the hip's drive got its power; zero = it waits for the push.
     pub release_after: Span,
+    /// The hand carries the legs, so that they have their initial rates when it lets go, so long after switching on, s. Then
+    /// neither torque nor power makes it let go.
+    pub carried_until_s: Option<f64>,
     /// Initial stance leg.
     pub stance: crate::msg::Leg,
     /// The world. True: stands on blocks, the swing toe meets no ground (thesis 4.5). False: on the ground.

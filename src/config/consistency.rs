@@ -66,6 +66,10 @@ fn start_on_ground(config: &Config, log: &Log) {
 
 /// On blocks no foot comes to the ground.
 fn walks_on_blocks(config: &Config, log: &Log) {
+    if config.simulation.on_blocks && config.simulation.carried_until_s.is_some() {
+        let what = "carries a robot on the ground; with sim.on_blocks = true the hand holds still";
+        log.error(problem("sim.carried_until_s", what.to_owned()));
+    }
     if config.robot.is_simulated() && config.simulation.on_blocks && config.control.controller.walks() {
         let what = "takes steps, and with sim.on_blocks = true no foot comes to the ground; to walk, set it to false";
         log.warn(problem("control.controller", what.to_owned()));

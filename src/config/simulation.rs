@@ -21,6 +21,7 @@ pub(super) fn simulation(r: &Reader<'_>) -> Simulation {
         initial_rate_rad_s: r.numbers("initial_rate_rad_s", range(-20.0, 20.0, "rad/s")),
         release_torque_nm: r.number("release_torque_nm", range(0.0, 1e3, "Nm")),
         release_after: Span::from_s(r.number("release_after_s", second)),
+        carried_until_s: r.optional_number("carried_until_s", range(1.0, 1e6, "s")),
         stance: r.choice("stance", LEGS, Leg::Inner),
         on_blocks: r.flag("on_blocks"),
         body: r.optional_table("body", body),

@@ -11,7 +11,7 @@
 //! ```
 //! A speed that is asked for while it stops: Stop, Walk.
 //! Standing out of the basin of balance, it recovers along the LQR-tree if it has one, and stands again:
-//! Stand, Recover (up to two steps), Stand.
+//! Stand, Recover (up to two steps), Stand. If it moves as in a walk and a speed is asked for, it walks on instead: Stand, Walk.
 //! With a one-step rebalance (TVLQR) in the place of a walking law: Stand, StepIn, Stand on the other leg.
 
 use super::asked_speed::AskedSpeed;
@@ -200,7 +200,7 @@ impl Walk {
                 self.moved = now;
             }
             (_, Motion::Lean) => self.lean.begin(),
-            (Motion::Lean, _) => self.gait.step_off(now, e, seen),
+            (Motion::Lean | Motion::Stand, Motion::Walk) => self.gait.step_off(now, e, seen),
             _ => {}
         }
         self.motion = next;
@@ -209,6 +209,7 @@ impl Walk {
     fn next(&self, now: Stamp, e: &Estimate, speed_m_s: f64) -> Motion {
         let asked = speed_m_s > 0.0;
         match self.motion {
+            Motion::Stand if asked && self.walks(e, speed_m_s) => Motion::Walk,
             Motion::Stand if asked && now.since(self.moved) > QUIET && !self.gait.is_over(now) => Motion::StepIn,
             Motion::StepIn if self.gait.is_rebalance() => {
                 if self.gait.is_over(now) {
@@ -227,6 +228,13 @@ impl Walk {
             Motion::Lean if self.lean.failed(now, e, &self.front_pose(e)) => Motion::Rest,
             motion => motion,
         }
+    }
+
+    /// It moves as in a walk: on its way over the vertical, or beyond it, with what the speed that is asked for needs. Only a
+    /// robot that is to recover: without, whoever pushes one that stands does not make it walk.
+    fn walks(&self, e: &Estimate, speed_m_s: f64) -> bool {
+        let goes_on = e.theta_stance_rad_s < 0.0 && energy(e) > self.gait.slow_energy(speed_m_s);
+        goes_on && self.recovery.is_some() && !self.gait.is_rebalance()
     }
 
     /// It stands still without torque, and has not tried too often.

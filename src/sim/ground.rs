@@ -5,6 +5,7 @@
 //! The leg length of the model is that with the toes at `robot.toe.extended_m`.
 //! Limits: a robot whose hip comes to the floor stays there. RT: no.
 
+use super::carry::{Carried, Carry};
 use super::toes::Toes;
 use super::{Place, Reading, World};
 use crate::base::time::Span;
@@ -29,6 +30,7 @@ pub struct GroundWorld {
     floor: Floor,
     release_torque_nm: f64,
     held: bool,
+    carry: Option<Carry>,
     now_s: f64,
     touchdowns: u32,
     /// It lies on the floor and stays as it is.
@@ -66,7 +68,8 @@ impl GroundWorld {
             leg_m: params.leg_length_m,
             floor: if sim.on_blocks { Floor::default() } else { floor(sim) },
             release_torque_nm: sim.release_torque_nm,
-            held: sim.release_torque_nm > 0.0,
+            held: sim.release_torque_nm > 0.0 || sim.carried_until_s.is_some(),
+            carry: Carry::new(sim),
             now_s: 0.0,
             touchdowns: 0,
             fallen: false,
@@ -109,6 +112,22 @@ impl GroundWorld {
     fn along_leg(&self, leg: usize, [along, normal]: [f64; 2]) -> f64 {
         let (sin, cos) = libm::sincos(self.machine.coordinate(leg) + self.slope_rad);
         normal * cos - along * sin
+    }
+
+    /// In the hand that carries it: the stance foot stays where it is.
+    fn carried(&self, carry: &Carry) -> Reading {
+        let Carried { angle_rad, rate_rad_s, acceleration_rad_s2 } = carry.now();
+        let stance = self.machine.stance();
+        let (rate, acceleration) = (rate_rad_s[stance], acceleration_rad_s2[stance]);
+        let (sin, cos) = libm::sincos(angle_rad[stance]);
+        let accel = |along: f64, across: f64| self.leg_m * (along * rate * rate - across * acceleration);
+        Reading {
+            leg_angle_rad: angle_rad,
+            leg_rate_rad_s: rate_rad_s,
+            imu_accel_m_s2: [accel(sin, cos), -accel(cos, -sin)],
+            hip_encoder_rad: angle_rad[0] - angle_rad[1],
+            ..self.shown
+        }
     }
 
     /// Moves the legs up to now.
@@ -216,7 +235,11 @@ impl World for GroundWorld {
         let motion = self.toes.set_out(toe_target_m, dt.as_s());
         self.machine.set_toes(motion);
         self.toes.advance(dt.as_s());
-        self.held = self.held && hip_torque_nm.abs() < self.release_torque_nm;
+        self.held = self.held
+            && match &mut self.carry {
+                Some(carry) => carry.advance(dt.as_s()),
+                None => hip_torque_nm.abs() < self.release_torque_nm,
+            };
         if !self.held && !self.fallen {
             self.machine.command(0, hip_torque_nm, true);
             self.now_s += dt.as_s();
@@ -226,8 +249,9 @@ impl World for GroundWorld {
         self.shown.toe_spring_m = self.toes.compression_m();
     }
 
+    /// A hand that carries lets go when it has brought the legs where it means to.
     fn let_go(&mut self) {
-        self.held = false;
+        self.held &= self.carry.is_some();
     }
 
     fn push(&mut self, impulse_ns: f64) {
@@ -238,15 +262,19 @@ impl World for GroundWorld {
 
     /// In the hand it is still: it gets its initial rates as the hand lets go.
     fn reading(&self) -> Reading {
-        if self.held { Reading { leg_rate_rad_s: [0.0; 2], ..self.shown } } else { self.shown }
+        match &self.carry {
+            Some(carry) if self.held => self.carried(carry),
+            None if self.held => Reading { leg_rate_rad_s: [0.0; 2], ..self.shown },
+            _ => self.shown,
+        }
     }
 
     /// The speed of a foot that slides or flies is left out.
     fn place(&self) -> Place {
-        let stance = self.machine.stance();
+        let (stance, reading) = (self.machine.stance(), self.reading());
         let [x, y] = self.machine.toe_m();
-        let (sin, cos) = libm::sincos(self.machine.coordinate(stance) + self.slope_rad);
-        let speed_m_s = if self.held || self.fallen { 0.0 } else { self.leg_m * self.machine.rate(stance) };
+        let (sin, cos) = libm::sincos(reading.leg_angle_rad[stance] + self.slope_rad);
+        let speed_m_s = self.leg_m * reading.leg_rate_rad_s[stance];
         Place {
             hip_m: [x - self.leg_m * sin, y + self.leg_m * cos],
             hip_m_s: [-cos * speed_m_s, -sin * speed_m_s],

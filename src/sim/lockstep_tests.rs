@@ -567,3 +567,43 @@ fn without_zeros_a_press_does_not_arm_and_after_a_reboot_the_zero_is_lost() {
     }
     assert!(lost && lockstep.step().status.arm_blockers & (1 << FaultCode::ZeroUnknown as u8) != 0);
 }
+
+/// A hand that carries the robot into its walk: sensors show the state before the switch is pressed.
+const CARRIED: [&str; 8] = [
+    "sim.on_blocks=false",
+    "control.controller=walk",
+    "control.walk.speed_m_s=0.4",
+    "control.walk.start_s=0.0",
+    "robot.limits.arm_tilt_rad=0.35",
+    "sim.operator_press_s=1.997",
+    "sim.carried_until_s=2.0",
+    "sim.initial_toe_m=[0.03, 0.03, 0.0, 0.0]",
+];
+const AFTER_TOUCHDOWN: [&str; 2] = ["sim.initial_angle_rad=[0.118, -0.172]", "sim.initial_rate_rad_s=[-0.55, -0.46]"];
+
+#[test]
+fn a_robot_that_is_carried_into_a_walk_walks_on_by_its_state_alone() {
+    let keys = config(&[&CARRIED, &AFTER_TOUCHDOWN, &["control.walk.recover=true"]]);
+    let mut lockstep = Lockstep::new(&keys).unwrap();
+    let mut armed_ms = 0;
+    let summary = scenario::run(&mut lockstep, Span::from_ms(10_000), Span::from_ms(1000), |record, reading| {
+        if record.status.mode == Mode::Armed && armed_ms == 0 {
+            armed_ms = record.input.now.0 / 1_000_000;
+            let off = record.estimate.theta_stance_rad_s - reading.leg_rate_rad_s[0];
+            // The gyro is 5 ms late.
+            assert!(off.abs() < 0.05, "{off} rad/s");
+        }
+        assert!(armed_ms == 0 || record.control.motion == Motion::Walk, "{:?}", record.control.motion);
+    });
+    assert!((1999..2002).contains(&armed_ms), "{armed_ms} ms");
+    assert!(summary.stands() && summary.steps > 8, "{summary:?}");
+}
+
+#[test]
+fn a_robot_that_is_not_to_recover_does_not_begin_to_walk_out_of_a_push() {
+    let mut lockstep = Lockstep::new(&config(&[&CARRIED, &AFTER_TOUCHDOWN])).unwrap();
+    for _ in 0..2_200 {
+        let record = lockstep.step();
+        assert!(record.status.mode != Mode::Armed || record.control.motion == Motion::Stand, "{:?}", record.control);
+    }
+}

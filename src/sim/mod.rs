@@ -2,6 +2,7 @@
 //!
 //! Nothing of the control path knows that it is not real. RT: no.
 
+mod carry;
 pub mod drive;
 pub mod ground;
 pub mod imu;
