@@ -135,6 +135,12 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn in_a_window_that_is_left_out_nothing_acts() {
+        let column = force_column(&[mass(), mass().left_out()], 0, |_, _| 2.0);
+        assert!(!column[0].is_empty() && column[1].is_empty());
+    }
+
+    #[test]
     fn a_push_acts_only_after_it() {
         let y = mass().respond(0, |k| if k == 50 { 100.0 } else { 0.0 });
         assert!(y[0][50].abs() < 1e-15 && (y[0][99] - 0.485).abs() < 1e-9, "{}", y[0][99]);
