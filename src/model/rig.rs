@@ -214,11 +214,19 @@ pub struct Numerics {
     pub euler_step_s: Option<f64>,
     /// Dry friction is its level times tanh(rate / this), rad/s or m/s: a joint creeps where it would stick; none: it sticks.
     pub smooth_rate: Option<f64>,
+    /// Dry friction is a soft constraint as in MuJoCo, with this time constant (`solreffriction`), s; none: it is not.
+    pub soft_friction_s: Option<f64>,
 }
 
 impl Numerics {
     /// Steps that a simulation may take, s.
     pub const EULER_STEP_S: std::ops::RangeInclusive<f64> = 1e-5..=0.1;
+
+    /// Time constant of friction as a soft constraint, at least two steps as in MuJoCo (`refsafe`), s.
+    #[must_use]
+    pub fn soft_constraint_s(&self) -> Option<f64> {
+        self.soft_friction_s.map(|time_s| time_s.max(2.0 * self.euler_step_s.unwrap_or(0.0)))
+    }
 }
 
 impl Rig {

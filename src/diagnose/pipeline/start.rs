@@ -275,10 +275,11 @@ pub(super) fn computing_as(rig: &Rig, of: &FittedModel) -> Rig {
 
 /// What a simulator did to the recordings.
 pub(super) fn numerics_told(numerics: Numerics) -> String {
-    let Numerics { euler_step_s, smooth_rate } = numerics;
+    let Numerics { euler_step_s, smooth_rate, soft_friction_s } = numerics;
     let steps = euler_step_s.map(|s| format!("steps by {:.3} ms (semi-implicit Euler)", 1e3 * s));
     let sign = smooth_rate.map(|r| format!("gives friction a smooth sign (tanh of the rate over {r})"));
-    let what: Vec<String> = steps.into_iter().chain(sign).collect();
+    let soft = soft_friction_s.map(|s| format!("makes friction a soft constraint of {:.0} ms", 1e3 * s));
+    let what: Vec<String> = steps.into_iter().chain(sign).chain(soft).collect();
     if what.is_empty() {
         return "the recordings agree best with an exact integration".to_owned();
     }

@@ -1,8 +1,8 @@
-//! What the simulator that made a recording, if one did, does to the equations of the machine: its steps, and a smooth sign of friction.
+//! What the simulator that made a recording, if one did, does to the equations of the machine: its steps, and friction that gives.
 //!
 //! A simulator that takes forces from the beginning of a step as long as a row is off by what such a step makes of the machine: in two
 //! links that whirl that is more than most effects of the library do, and half a step ([`crate::diagnose::robustness::instants`]) is but its
-//! first order. Where friction's sign is smooth, a joint creeps where it would stick. No machine steps. So these are numbers like any other of the
+//! first order. Where friction's sign is smooth, or friction is a soft constraint, a joint creeps where it would stick. No machine steps. So these are numbers like any other of the
 //! simulation: the likeliest are taken, the rig's own unless others are more than chance.
 //! RT: no.
 
@@ -29,16 +29,27 @@ const PER_ROW: [f64; 3] = [1.0, 2.0, FINEST_STEPS_PER_ROW];
 /// Rates within which friction may change its sign that are tried, rad/s or m/s; a simulator that is to look right has no larger ones.
 const SMOOTH_RATES: [f64; 6] = [1e-3, 2e-3, 4e-3, 8e-3, 0.016, 0.032];
 
+/// Time constants of friction as a soft constraint that are tried, s: MuJoCo's own, and shorter ones. What lies between is nearly one of these.
+const SOFT_FRICTIONS_S: [f64; 3] = [0.02, 0.01, 0.005];
+
 /// `of` fitted again with the numerics that these recordings show; `None` if it has them, or if more than noise stays with any: what made
 /// these recordings is then no simulation of this machine, but a machine, or one that lacks something.
 #[must_use]
 pub fn with_likeliest_numerics(of: &FittedModel, context: &Context) -> Option<FittedModel> {
     let own = of.rig.numerics;
-    let steps = std::iter::once(None).chain(steps_s(of)?.into_iter().map(Some));
-    let stepped = likeliest(of, steps.map(|euler_step_s| Numerics { euler_step_s, ..own }), context);
-    let rates = if has_dry_friction(of) { &SMOOTH_RATES[..] } else { &[] };
-    let rates = std::iter::once(None).chain(rates.iter().map(|rate| Some(*rate)));
-    let best = likeliest(&stepped, rates.map(|smooth_rate| Numerics { smooth_rate, ..stepped.rig.numerics }), context);
+    let steps: Vec<Option<f64>> = std::iter::once(None).chain(steps_s(of)?.into_iter().map(Some)).collect();
+    let stepped = |from: &FittedModel| {
+        let all = steps.iter().map(|euler_step_s| Numerics { euler_step_s: *euler_step_s, ..from.rig.numerics });
+        likeliest(from, all, context)
+    };
+    let rubbed = |from: &FittedModel| likeliest(from, frictions(from).into_iter(), context);
+    // What is asked first takes some of what the other does: both orders, unless there is but one.
+    let best = if has_dry_friction(of) {
+        let orders = [rubbed(&stepped(of)), stepped(&rubbed(of))];
+        orders.into_iter().max_by(|a, b| a.likelihood.total_cmp(&b.likelihood))?
+    } else {
+        stepped(of)
+    };
     (best.rig.numerics != own && shows_its_numerics(&best, of, context)).then_some(best)
 }
 
@@ -69,6 +80,14 @@ fn steps_s(of: &FittedModel) -> Option<Vec<f64>> {
 /// True if `fit` is ahead of `of` by more than chance, and leaves nothing but noise.
 fn shows_its_numerics(fit: &FittedModel, of: &FittedModel, context: &Context) -> bool {
     compare(fit, of, context).total > detection_threshold(context, 1) && !is_misfit(&fit.residuals, &context.floors)
+}
+
+/// The ways in which a simulator may take friction that are tried: it sticks, its sign is smooth, or it is a soft constraint.
+fn frictions(of: &FittedModel) -> Vec<Numerics> {
+    let sticks = Numerics { smooth_rate: None, soft_friction_s: None, ..of.rig.numerics };
+    let smooth = SMOOTH_RATES.map(|rate| Numerics { smooth_rate: Some(rate), ..sticks });
+    let soft = SOFT_FRICTIONS_S.map(|time_s| Numerics { soft_friction_s: Some(time_s), ..sticks });
+    [&[sticks][..], &smooth, &soft].concat()
 }
 
 fn has_dry_friction(of: &FittedModel) -> bool {
@@ -169,7 +188,7 @@ mod tests {
     #[test]
     fn steps_of_a_simulator_are_found_and_exact_motion_stays_exact() {
         for step_s in [0.01, 0.005] {
-            let numerics = Numerics { euler_step_s: Some(step_s), smooth_rate: None };
+            let numerics = Numerics { euler_step_s: Some(step_s), ..Numerics::default() };
             let (of, context) = fitted_exactly(LINKS, &[1.2, -0.4, 0.0, 0.0], numerics);
             let found = with_likeliest_numerics(&of, &context).unwrap();
             assert!((found.rig.numerics.euler_step_s.unwrap() / step_s - 1.0).abs() < 1e-9);
@@ -185,7 +204,7 @@ mod tests {
 
     #[test]
     fn a_base_that_leaves_slow_noise_is_fitted_anew_with_each_step() {
-        let numerics = Numerics { euler_step_s: Some(0.01), smooth_rate: None };
+        let numerics = Numerics { euler_step_s: Some(0.01), ..Numerics::default() };
         let (of, context) = fitted_exactly(LINKS, &[0.3, -0.1, 0.0, 0.0], numerics);
         let quick = FittedModel { noise: vec![Colour::white(0.001); 2], ..of.clone() };
         assert!(!is_misfit(&of.residuals, &context.floors));
@@ -197,10 +216,18 @@ mod tests {
 
     #[test]
     fn a_smooth_sign_of_friction_is_found() {
-        let numerics = Numerics { euler_step_s: None, smooth_rate: Some(0.012) };
+        let numerics = Numerics { smooth_rate: Some(0.03), ..Numerics::default() };
         let (of, context) = fitted_exactly(HELD, &[0.0, 0.0], numerics);
         let found = with_likeliest_numerics(&of, &context).unwrap();
         let rate = found.rig.numerics.smooth_rate.unwrap();
-        assert!((0.5..2.0).contains(&(rate / 0.012)), "{rate}");
+        assert!((0.5..2.0).contains(&(rate / 0.03)), "{rate}");
+    }
+
+    #[test]
+    fn friction_as_a_soft_constraint_is_found() {
+        let numerics = Numerics { soft_friction_s: Some(0.025), ..Numerics::default() };
+        let (of, context) = fitted_exactly(HELD, &[0.0, 0.0], numerics);
+        let found = with_likeliest_numerics(&of, &context).unwrap();
+        assert_eq!(found.rig.numerics, Numerics { soft_friction_s: Some(0.02), ..Numerics::default() });
     }
 }

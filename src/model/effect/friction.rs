@@ -60,7 +60,19 @@ pub struct DryFriction<S> {
     pub bristle: Option<S>,
     /// Rate within which its sign changes smoothly, rad/s; none = at zero, where it sticks.
     pub smooth_rate: Option<f64>,
+    /// Friction is a soft constraint that stops the joint at this rate, 1/s ([`soft_rate_1_s`]); none = it is not.
+    pub soft_1_s: Option<f64>,
 }
+
+/// Rate at which MuJoCo's soft constraint with time constant `time_constant_s` stops a joint, 1/s: its damping is `2 / (dmax
+/// timeconst)`, with `dmax` as it is by default (MuJoCo documentation, Computation, Reference; `solimp` .9 .95).
+#[must_use]
+pub fn soft_rate_1_s(time_constant_s: f64) -> f64 {
+    2.0 / (0.95 * time_constant_s)
+}
+
+/// Part of the force that would hold a joint exactly which MuJoCo's soft constraint gives: `d0` of `solimp`, by default.
+pub const SOFT_PART: f64 = 0.9;
 
 impl<S: Scalar> DryFriction<S> {
     /// Level at rate `r` and time `t`, while `through` passes through the joint. Never negative.
@@ -83,11 +95,11 @@ impl<S: Scalar> DryFriction<S> {
         if level.value() < 0.0 { S::zero() } else { level }
     }
 
-    /// True if it holds at rest; a bristle and a smooth sign yield instead.
+    /// True if it holds at rest; a bristle, a smooth sign and a soft constraint yield instead.
     #[inline]
     #[must_use]
     pub const fn sticks(&self) -> bool {
-        self.bristle.is_none() && self.smooth_rate.is_none()
+        self.bristle.is_none() && self.smooth_rate.is_none() && self.soft_1_s.is_none()
     }
 
     /// True if the level depends on what the joint transmits.
@@ -215,6 +227,13 @@ impl<S: Scalar> Axis<S> {
         grip != Grip::Stuck || self.dry.as_ref().is_none_or(|dry| !dry.sticks())
     }
 
+    /// True if its dry friction is a soft constraint.
+    #[inline]
+    #[must_use]
+    pub fn is_soft(&self) -> bool {
+        self.dry.as_ref().is_some_and(|dry| dry.bristle.is_none() && dry.soft_1_s.is_some())
+    }
+
     /// The dry friction of this axis, made on first use.
     pub fn dry_mut(&mut self) -> &mut DryFriction<S> {
         self.dry.get_or_insert_with(|| DryFriction {
@@ -225,6 +244,7 @@ impl<S: Scalar> Axis<S> {
             drift: None,
             bristle: None,
             smooth_rate: None,
+            soft_1_s: None,
         })
     }
 }

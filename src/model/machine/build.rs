@@ -8,7 +8,7 @@ use crate::base::scalar::Scalar;
 use crate::model::effect::EffectKind;
 use crate::model::effect::actuator::Drive;
 use crate::model::effect::drive::{Rotor, StructuralMode};
-use crate::model::effect::friction::{Axis, DryFriction, Grip, Ripple, Spring};
+use crate::model::effect::friction::{Axis, DryFriction, Grip, Ripple, Spring, soft_rate_1_s};
 use crate::model::effect::sensing::Pickup;
 use crate::model::mechanism::{Body, DoublePendulum, Legs, MAX, Mechanism, Pendulum, Row, Slider};
 use crate::model::rig::{MechanismKind, Setup, Side, Site};
@@ -78,6 +78,7 @@ impl<S: Scalar> Machine<S> {
         }
         for dry in machine.plant.axes.iter_mut().filter_map(|axis| axis.dry.as_mut()) {
             dry.smooth_rate = setting.numerics.smooth_rate;
+            dry.soft_1_s = setting.numerics.soft_constraint_s().map(soft_rate_1_s);
         }
         machine.plant.is_loaded =
             machine.plant.axes.iter().any(|a| a.dry.as_ref().is_some_and(DryFriction::needs_load));

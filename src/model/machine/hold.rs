@@ -5,6 +5,7 @@
 
 use super::solve::{Factor, MAX_CONSTRAINTS, solve_small};
 use crate::base::scalar::Scalar;
+use crate::model::effect::friction::SOFT_PART;
 use crate::model::mechanism::{Equations, MAX};
 
 /// Who holds a constraint.
@@ -29,6 +30,8 @@ enum Kind {
     Driven { index: usize },
     /// `row · a = -bias`, by a force along `push`.
     Along,
+    /// The same by part of that force, of at most its level.
+    Softly,
 }
 
 /// The constraints of one evaluation and their forces.
@@ -42,6 +45,8 @@ pub(super) struct Held<S> {
     rows: [[S; MAX]; MAX_CONSTRAINTS],
     pushes: [[S; MAX]; MAX_CONSTRAINTS],
     bias: [S; MAX_CONSTRAINTS],
+    /// Largest force of what is kept softly.
+    level: [S; MAX_CONSTRAINTS],
     force: [S; MAX_CONSTRAINTS],
     /// `M⁻¹ push`.
     response: [[S; MAX]; MAX_CONSTRAINTS],
@@ -58,6 +63,7 @@ impl<S: Scalar> Default for Held<S> {
             rows: [[S::zero(); MAX]; MAX_CONSTRAINTS],
             pushes: [[S::zero(); MAX]; MAX_CONSTRAINTS],
             bias: [S::zero(); MAX_CONSTRAINTS],
+            level: [S::zero(); MAX_CONSTRAINTS],
             force: [S::zero(); MAX_CONSTRAINTS],
             response: [[S::zero(); MAX]; MAX_CONSTRAINTS],
             gram: [[S::zero(); MAX_CONSTRAINTS]; MAX_CONSTRAINTS],
@@ -99,6 +105,16 @@ impl<S: Scalar> Held<S> {
             self.rows[k] = row;
             self.pushes[k] = push;
             self.bias[k] = bias;
+        }
+    }
+
+    /// A soft constraint, as friction is one in MuJoCo: towards `row · a = -bias` by a force along `row` of at most `level`.
+    pub(super) fn softly(&mut self, holder: Holder, row: [S; MAX], bias: S, level: S) {
+        if let Some(k) = self.push(holder, Kind::Softly) {
+            self.rows[k] = row;
+            self.pushes[k] = row;
+            self.bias[k] = bias;
+            self.level[k] = level;
         }
     }
 
@@ -163,7 +179,7 @@ impl<S: Scalar> Held<S> {
     fn constrain(&mut self, n: usize, free: &[bool; MAX], factor: &Factor<S>, a: &mut [S; MAX]) {
         let mut along = [0; MAX_CONSTRAINTS];
         let mut count = 0;
-        for k in (0..self.len).filter(|k| matches!(self.kinds[*k], Kind::Along)) {
+        for k in (0..self.len).filter(|k| matches!(self.kinds[*k], Kind::Along | Kind::Softly)) {
             along[count] = k;
             count += 1;
         }
@@ -181,7 +197,11 @@ impl<S: Scalar> Held<S> {
                 self.gram[i][j] = product(&self.rows[k], &self.response[j], n);
             }
         }
-        solve_small(&mut self.gram, &mut force, count);
+        if along.iter().any(|k| matches!(self.kinds[*k], Kind::Softly)) {
+            self.solve_softly(along, &mut force);
+        } else {
+            solve_small(&mut self.gram, &mut force, count);
+        }
         for (j, &k) in along.iter().enumerate() {
             self.force[k] = force[j];
             for i in 0..n {
@@ -190,12 +210,41 @@ impl<S: Scalar> Held<S> {
         }
     }
 
+    /// Forces of the constraints `along` where some are soft, in place of the right-hand side. What would be beyond its level, the farthest
+    /// first, gives its level; the others follow.
+    fn solve_softly(&mut self, along: &[usize], force: &mut [S; MAX_CONSTRAINTS]) {
+        let is_soft = |j: usize| matches!(self.kinds[along[j]], Kind::Softly);
+        let mut gram = self.gram;
+        for j in (0..along.len()).filter(|j| is_soft(*j)) {
+            gram[j][j] = gram[j][j] / SOFT_PART;
+        }
+        let asked = *force;
+        let mut ended = [false; MAX_CONSTRAINTS];
+        for _ in 0..=along.len() {
+            let mut left = gram;
+            for i in 0..along.len() {
+                if ended[i] {
+                    left[i] = [S::zero(); MAX_CONSTRAINTS];
+                    left[i][i] = S::one();
+                } else {
+                    force[i] = asked[i];
+                }
+            }
+            solve_small(&mut left, force, along.len());
+            let beyond = |j: usize| force[j].value().abs() - self.level[along[j]].value();
+            let soft = (0..along.len()).filter(|j| is_soft(*j) && !ended[*j] && beyond(*j) > 0.0);
+            let Some(farthest) = soft.max_by(|a, b| beyond(*a).total_cmp(&beyond(*b))) else { return };
+            ended[farthest] = true;
+            force[farthest] = self.level[along[farthest]] * force[farthest].value().signum();
+        }
+    }
+
     /// Forces on the coordinates that were left out.
     fn hold_still(&mut self, eq: &Equations<S>, n: usize, a: &[S; MAX]) {
         for k in 0..self.len {
             let Kind::Still { index, factor } = self.kinds[k] else { continue };
             let mut force = product(&eq.mass[index], a, n) - eq.force[index];
-            for j in (0..self.len).filter(|j| matches!(self.kinds[*j], Kind::Along)) {
+            for j in (0..self.len).filter(|j| matches!(self.kinds[*j], Kind::Along | Kind::Softly)) {
                 force -= self.pushes[j][index] * self.force[j];
             }
             self.force[k] = force / factor;

@@ -250,6 +250,10 @@ impl<S: Scalar> Plant<S> {
                 bristle += 1;
             } else if let Some(smooth) = dry.smooth_rate {
                 axis.row.push(-(level * (rate / smooth).tanh()), &mut work.eq.force);
+            } else if let Some(soft_1_s) = dry.soft_1_s {
+                let mut row = [S::zero(); MAX];
+                axis.row.push(S::one(), &mut row);
+                work.held.softly(Holder::Axis(i), row, rate * soft_1_s, level);
             } else if self.grips[i] == Grip::Stuck {
                 if let &[(index, factor)] = axis.row.terms() {
                     work.held.still(Holder::Axis(i), index, factor);

@@ -25,7 +25,7 @@ impl<S: Scalar> Plant<S> {
             && self.legs().is_some_and(|legs| legs.freedom() == Freedom::Floating)
             && self.structures.is_empty()
             && self.rotors.iter().all(|rotor| rotor.spring.is_some())
-            && self.axes.iter().zip(&self.grips).all(|(axis, grip)| axis.slides(*grip))
+            && self.axes.iter().zip(&self.grips).all(|(axis, grip)| axis.slides(*grip) && !axis.is_soft())
     }
 
     /// Accelerations from the sum of all forces, and the forces of the ground.

@@ -189,12 +189,13 @@ impl<S: Scalar> Machine<S> {
         step.max(SHORTEST_STEP_S).min(longest)
     }
 
-    /// Near zero a smooth sign of friction is a damper, wherever the motion starts: the fastest decay, 1/s.
+    /// Near zero a smooth sign of friction is a damper, and so is a soft constraint, wherever the motion starts: the fastest decay, 1/s.
     fn smooth_sign_decay(&self) -> f64 {
         let of_axis = |axis: &Axis<S>| {
             let dry = axis.dry.as_ref()?;
             let level = dry.level(S::zero(), self.now, Load::default()).value();
-            Some(level / (dry.smooth_rate? * self.plant.body.link_inertia(axis.joint).value()))
+            let smooth = |rate: f64| level / (rate * self.plant.body.link_inertia(axis.joint).value());
+            dry.smooth_rate.map(smooth).or(dry.soft_1_s)
         };
         self.plant.axes.iter().filter_map(of_axis).fold(0.0, f64::max)
     }

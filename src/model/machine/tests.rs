@@ -78,7 +78,7 @@ fn semi_implicit_euler_takes_forces_from_the_start_of_a_step_and_moves_by_the_ne
     let effects = effect("parallel_spring", "q1", "stiffness = 50.0\nrest = 0.0")
         + &effect("viscous_friction", "q1", "viscous = 3.0");
     let mut m = machine(
-        &Rig { numerics: Numerics { euler_step_s: Some(0.01), smooth_rate: None }, ..rig(SLIDER, &effects) },
+        &Rig { numerics: Numerics { euler_step_s: Some(0.01), ..Numerics::default() }, ..rig(SLIDER, &effects) },
         None,
     );
     m.reset(0.0, &[0.2, 0.0]);
@@ -98,12 +98,73 @@ fn semi_implicit_euler_takes_forces_from_the_start_of_a_step_and_moves_by_the_ne
 #[test]
 fn a_joint_whose_friction_has_a_smooth_sign_creeps_where_it_would_stick() {
     let effects = effect("coulomb_friction", "q1", "coulomb = 1.0") + &effect("torque_offset", "q1", "torque = 0.5");
-    let numerics = Numerics { euler_step_s: None, smooth_rate: Some(0.01) };
+    let numerics = Numerics { smooth_rate: Some(0.01), ..Numerics::default() };
     let mut m = machine(&Rig { numerics, ..rig(SLIDER, &effects) }, None);
     m.reset(0.0, &[0.0, 0.0]);
     m.advance_to(2.0).unwrap();
     assert!((m.rate(0) / (0.01 * 0.5_f64.atanh()) - 1.0).abs() < 1e-6 && !m.is_stuck(0), "{}", m.rate(0));
     assert!(m.is_smooth());
+}
+
+/// Against MuJoCo 4.0.0: a mass of 2 kg on a spring of 10 N/m, `frictionloss` 1 N, Euler steps of 5 ms; it slides, creeps and turns back.
+#[test]
+fn friction_as_a_soft_constraint_moves_as_in_mujoco() {
+    let effects = effect("coulomb_friction", "q1", "coulomb = 1.0")
+        + &effect("parallel_spring", "q1", "stiffness = 10.0\nrest = 0.0");
+    let of = |soft_s: f64| {
+        let numerics = Numerics { euler_step_s: Some(0.005), smooth_rate: None, soft_friction_s: Some(soft_s) };
+        let mut m = machine(&Rig { numerics, ..rig(SLIDER, &effects) }, None);
+        m.reset(0.0, &[0.35, 0.0]);
+        m
+    };
+    let both = [
+        (0.2, 0.324_809_261, -0.241_754_556),
+        (0.6, 0.155_426_072, -0.544_412_882),
+        (1.0, -0.055_420_032, -0.439_808_988),
+        (1.4, -0.150_000_137, -0.006_194_538),
+    ];
+    // By default it recovers within 20 ms; with `solreffriction="0.004 1"` in 10 ms, twice the step.
+    for (soft_s, q, v) in [(0.02, -0.145_668_941, 0.045_059_015), (0.004, -0.145_194_260, 0.047_265_225)] {
+        let mut m = of(soft_s);
+        for (t, q, v) in both.into_iter().chain([(1.6, q, v)]) {
+            m.advance_to(t).unwrap();
+            assert!(
+                (m.coordinate(0) - q).abs() < 1e-8 && (m.rate(0) - v).abs() < 1e-8,
+                "{t}: {} {}",
+                m.coordinate(0),
+                m.rate(0)
+            );
+        }
+        assert!(m.is_smooth());
+    }
+}
+
+/// Two joints, the first pulled by less than its friction, against MuJoCo 4.0.0 with Euler steps of 1 ms: they slide, stop and creep.
+#[test]
+fn two_joints_of_soft_friction_move_as_in_mujoco() {
+    let effects = effect("coulomb_friction", "q1", "coulomb = 0.5")
+        + &effect("coulomb_friction", "q2", "coulomb = 0.2")
+        + &effect("torque_offset", "q1", "torque = 0.3");
+    let numerics = Numerics { euler_step_s: Some(0.001), smooth_rate: None, soft_friction_s: Some(0.02) };
+    let mut m = machine(&Rig { numerics, ..rig(DOUBLE, &effects) }, None);
+    m.reset(0.0, &[0.0, 0.0, 0.4, -0.2]);
+    let expected = [
+        (0.02, [0.006_534_03, -0.001_538_19], [0.286_064_82, -0.019_039_09]),
+        (0.05, [0.014_167_45, -0.001_506_36], [0.229_649_9, 0.008_383_33]),
+        (0.1, [0.023_582_42, -0.001_021_34], [0.147_255_13, 0.010_083_11]),
+        (0.4, [0.030_979_25, -0.000_973_22], [0.005_548_1, -0.004_239_89]),
+    ];
+    for (t, q, v) in expected {
+        m.advance_to(t).unwrap();
+        // MuJoCo keeps the softness that a joint has at rest.
+        let near = |a: f64, b: f64| (a - b).abs() < 2e-4 * b.abs() + 2e-6;
+        assert!(
+            (0..2).all(|j| near(m.coordinate(j), q[j]) && near(m.rate(j), v[j])),
+            "{t}: {} {}",
+            m.rate(0),
+            m.rate(1)
+        );
+    }
 }
 
 #[test]
@@ -530,7 +591,7 @@ fn a_delayed_rate_is_the_rate_of_then() {
 
 #[test]
 fn steps_of_a_simulator_may_be_finer_than_our_own() {
-    let numerics = Numerics { euler_step_s: Some(9e-6), smooth_rate: None };
+    let numerics = Numerics { euler_step_s: Some(9e-6), ..Numerics::default() };
     let mut m = machine(&Rig { numerics, ..rig(PENDULUM, "") }, None);
     m.reset(0.0, &[0.1, 0.0]);
     m.advance_to(0.01).unwrap();

@@ -72,6 +72,9 @@ impl Rig {
 /// Rates within which friction may change its sign, rad/s or m/s.
 const SMOOTH_RATE: RangeInclusive<f64> = 1e-5..=1.0;
 
+/// Time constants that friction may have as a soft constraint, s.
+const SOFT_FRICTION_S: RangeInclusive<f64> = 1e-3..=1.0;
+
 impl Reader<'_> {
     fn rig(&mut self, mut fields: Fields<'_>) -> Option<Rig> {
         self.schema(&mut fields);
@@ -134,11 +137,20 @@ impl Reader<'_> {
     fn numerics(&mut self, fields: &mut Fields<'_>) -> Numerics {
         let Some(item) = fields.take("numerics") else { return Numerics::default() };
         let Some(mut fields) = self.table(item, "numerics", "[numerics]") else { return Numerics::default() };
+        let soft = fields.table.get("soft_friction_s").map(Spanned::span);
         let numerics = Numerics {
             euler_step_s: self.within(&mut fields, "euler_step_s", Numerics::EULER_STEP_S),
             smooth_rate: self.within(&mut fields, "smooth_rate", SMOOTH_RATE),
+            soft_friction_s: self.within(&mut fields, "soft_friction_s", SOFT_FRICTION_S),
         };
-        self.finish(fields, "euler_step_s, smooth_rate");
+        if let Some(span) = soft.filter(|_| numerics.smooth_rate.is_some()) {
+            self.complain(
+                &span,
+                "soft_friction_s",
+                "stands beside smooth_rate; friction has one form, give one of them",
+            );
+        }
+        self.finish(fields, "euler_step_s, smooth_rate, soft_friction_s");
         numerics
     }
 

@@ -83,10 +83,17 @@ fn numerics_of_a_simulation_are_read_written_and_have_a_range() {
         FULL.replacen("[parameters]", &numerics, 1)
     };
     let rig = Rig::parse(&with("0.002"), "rig.toml").unwrap();
-    assert_eq!(rig.numerics, Numerics { euler_step_s: Some(0.002), smooth_rate: Some(0.01) });
+    let numerics = Numerics { euler_step_s: Some(0.002), smooth_rate: Some(0.01), soft_friction_s: None };
+    assert_eq!(rig.numerics, numerics);
     assert_eq!(Rig::parse(&rig.to_toml(), "again").unwrap(), rig);
     let errors = Rig::parse(&with("2.0"), "case/rig.toml").unwrap_err().to_string();
     assert!(errors.contains("case/rig.toml:5: `euler_step_s`: is 2, must be from 0.00001 to 0.1"), "{errors}");
+    let soft = with("0.002").replace("smooth_rate = 0.01", "soft_friction_s = 0.02");
+    let rig = Rig::parse(&soft, "rig.toml").unwrap();
+    assert_eq!(Rig::parse(&rig.to_toml(), "again").unwrap().numerics.soft_friction_s, Some(0.02));
+    let both = with("0.002").replace("smooth_rate = 0.01", "smooth_rate = 0.01\nsoft_friction_s = 0.02");
+    let errors = Rig::parse(&both, "case/rig.toml").unwrap_err().to_string();
+    assert!(errors.contains("case/rig.toml:7: `soft_friction_s`: stands beside smooth_rate"), "{errors}");
 }
 
 #[test]

@@ -10,7 +10,10 @@ impl Rig {
         if self.numerics != Numerics::default() {
             out.push_str("\n[numerics]\n");
         }
-        for (key, value) in [("euler_step_s", self.numerics.euler_step_s), ("smooth_rate", self.numerics.smooth_rate)] {
+        let Numerics { euler_step_s, smooth_rate, soft_friction_s } = self.numerics;
+        let numerics =
+            [("euler_step_s", euler_step_s), ("smooth_rate", smooth_rate), ("soft_friction_s", soft_friction_s)];
+        for (key, value) in numerics {
             value.iter().for_each(|value| line(&mut out, key, &float(*value)));
         }
         out.push_str("\n[parameters]\n");
