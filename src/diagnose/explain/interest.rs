@@ -7,6 +7,7 @@
 use crate::diagnose::explain::answer_sets::member;
 use crate::diagnose::judge::accept::{is_admissible, is_at_bound, strength_is_undetermined};
 use crate::diagnose::judge::criterion::{Context, compare, detection_threshold, explained_part};
+use crate::diagnose::judge::estimates::within_its_intervals;
 use crate::diagnose::judge::flexibility::is_overly_flexible;
 use crate::diagnose::judge::numbers::{GREATER_PART, TOUCHDOWN_S};
 use crate::diagnose::judge::verdict::{Member, Seen, is_material};
@@ -184,7 +185,8 @@ impl Kept {
             let only = candidate.only.as_deref();
             let with = (&self.found, context.given + effect);
             let told = Confirmation::of_effect(candidate, with, &without, held_out, floors);
-            if let Some(told) = told.filter(|told| told.refutes(numbers, context)) {
+            let told = told.filter(|told| told.refutes(numbers, context));
+            if let Some(told) = told.filter(|_| !self.replicates_within_its_intervals(effect, &without, context)) {
                 return Some(Refuted { effect, gained: told.gained, without, why: REFUTED });
             }
             let least = detection_threshold(context, numbers);
@@ -194,6 +196,19 @@ impl Kept {
             is_none.then_some(Refuted { effect, gained: beside, without, why })
         };
         (0..self.added.len()).filter_map(one).min_by(|a, b| a.gained.total_cmp(&b.gained))
+    }
+
+    /// True if effect `i`, which recordings kept back refute as it was found, replicates there with numbers within its intervals: recordings
+    /// without a command tell ratios of forces alone, and not how large the friction is.
+    fn replicates_within_its_intervals(&self, i: usize, without: &FittedModel, context: &Context) -> bool {
+        let (candidate, e) = (&self.added[i].candidate, context.given + i);
+        let (held_out, floors) = (context.held_out.as_deref(), &context.floors);
+        let as_sure_as_it_is = || {
+            let effect = within_its_intervals(&self.found.clone().with_intervals(), e)?;
+            Confirmation::replicated(effect, (&self.found, e), without, held_out, floors)
+        };
+        candidate.only.is_none()
+            && as_sure_as_it_is().is_some_and(|told| told.replicates(candidate.keys.len(), context))
     }
 
     /// Takes out, the least first, the effects that remove less than `least` of the misfit that is there without them.

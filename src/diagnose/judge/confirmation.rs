@@ -21,6 +21,12 @@ impl Confirmation {
         is_kept(self.promised, self.gained) && is_removed_where_it_acts(self.left)
     }
 
+    /// True if it speaks for an effect of so many numbers.
+    #[must_use]
+    pub fn replicates(&self, numbers: usize, context: &Context) -> bool {
+        self.promised > detection_threshold(context, numbers) && is_kept(self.promised, self.gained)
+    }
+
     /// True if it speaks against an effect of so many numbers.
     #[must_use]
     pub fn refutes(&self, numbers: usize, context: &Context) -> bool {

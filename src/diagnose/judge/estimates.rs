@@ -5,7 +5,7 @@
 use super::evidence::coarsening;
 use crate::identify::fitted_model::FittedModel;
 use crate::identify::identifiability::{Scaled, deviations, undetermined};
-use crate::model::rig::{Scope, Slot};
+use crate::model::rig::{Bounds, Effect, Scope, Slot};
 use crate::report::findings::Estimate;
 
 /// Free numbers of a hypothesis with their names and scales; numbers over decades are relative already.
@@ -58,6 +58,18 @@ pub fn estimates(of: &FittedModel) -> Vec<(String, Estimate)> {
         (entry.name.clone(), told.in_unit(of.problem.rig.unit(entry.slot)))
     };
     values.iter().zip(&spread).enumerate().map(one).collect()
+}
+
+/// Effect `e` of `of`, each of its fitted numbers bounded by its 95 % interval.
+#[must_use]
+pub fn within_its_intervals(of: &FittedModel, e: usize) -> Option<Effect> {
+    let known = estimates(of);
+    let mut effect = of.rig.effects.get(e)?.clone();
+    for (k, value) in effect.values.iter_mut().enumerate() {
+        let fitted = of.problem.theta.index_of_slot(Slot::Effect(Scope::Rig, e, k)).map(|i| &known[i].1);
+        value.bounds = fitted.filter(|x| x.low < x.high).map(|x| Bounds { min: x.low, max: x.high });
+    }
+    Some(effect)
 }
 
 /// True if number `i` is the instant of an event: its bounds are where it was sought, and say nothing of where it may be.

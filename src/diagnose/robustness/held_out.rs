@@ -238,22 +238,25 @@ impl Confirmation {
         match candidate.only {
             Some(_) => Self::of_candidate(candidate, with, without, held_out, floors),
             // Where a fit runs away the predictions tell.
-            None => Self::replicated((with, e), without, held_out, floors)
+            None => Self::replicated(known(&with.rig).effects.get(e)?.clone(), (with, e), without, held_out, floors)
                 .or_else(|| Self::on_kept_back(with, without, held_out, floors)),
         }
     }
 
-    /// Of effect `e` of `with`, which `without` lacks, as it was found, all other numbers suiting the recordings that were kept back.
-    fn replicated(
+    /// Of effect `e` of `with`, which `without` lacks, its numbers as `effect` has them: held, or within bounds; all other numbers suit the
+    /// recordings that were kept back. `None` if there are none, or a fit runs away there.
+    #[must_use]
+    pub fn replicated(
+        effect: Effect,
         (with, e): (&FittedModel, usize),
         without: &FittedModel,
         held_out: Option<&HeldOut>,
         floors: &[f64],
     ) -> Option<Self> {
         let held_out = held_out?;
-        let mut as_found = with.rig.clone();
-        as_found.effects.get_mut(e)?.clone_from(known(&with.rig).effects.get(e)?);
-        let with = held_out.refitted(as_found, with, floors)?;
+        let mut rig = with.rig.clone();
+        *rig.effects.get_mut(e)? = effect;
+        let with = held_out.refitted(rig, with, floors)?;
         let without = held_out.refitted(without.rig.clone(), without, floors)?;
         Some(Self::of(&with.residuals, &without.residuals, floors))
     }
