@@ -182,7 +182,7 @@ mod tests {
         let base = problem.fitted("", 20);
         let found = problem.fitted(&format!("{drag}{{ value = 0.001, min = 0.0, max = 0.1 }}\n"), 20);
         let pooled = Pooled::of(&base.rig, base.problem.recordings.iter());
-        let start = Start { pooled, dropped: 0, given: None, base: base.clone(), context };
+        let start = Start { pooled, dropped: 0, given: None, base: base.clone(), own: None, context };
         let stays = || Kept::all(found.clone(), vec![problem.added("quadratic_drag", "q1", 100.0, Vec::new())]);
         let taken_out = |effect: &str| Seen {
             effect: effect.into(),

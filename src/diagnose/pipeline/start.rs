@@ -4,9 +4,11 @@
 
 use crate::diagnose::base_model::{DiagnoseError, again, ready, runaway};
 use crate::diagnose::input_checks::at_bounds;
-use crate::diagnose::judge::criterion::{Context, compare};
+use crate::diagnose::judge::accept::is_admissible;
+use crate::diagnose::judge::criterion::{Context, compare, price};
 use crate::diagnose::judge::estimates::estimates;
 use crate::diagnose::judge::evidence::Ledger;
+use crate::diagnose::judge::exchange::is_clear;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::library::initial_guesses::candidates;
@@ -16,6 +18,7 @@ use crate::diagnose::screen::scales::scales;
 use crate::diagnose::screen::score_test::ScoreTest;
 use crate::diagnose::search::exchange::in_its_place;
 use crate::diagnose::search::numerics::{stepped_from_given, to_its_end, with_likeliest_numerics, with_numerics};
+use crate::diagnose::search::round::{Asked, round, tell as tell_round};
 use crate::diagnose::search::stepwise::Selection;
 use crate::identify::base_fit::{anew, as_given, fitted, follows, lands_elsewhere};
 use crate::identify::experiment::{Experiment, Recording};
@@ -45,6 +48,8 @@ pub(super) struct Start {
     /// With the numbers as given; none where it runs away with them.
     pub(super) given: Option<FittedModel>,
     pub(super) base: FittedModel,
+    /// The two with the numerics of the rig, where others are taken.
+    pub(super) own: Option<(Option<FittedModel>, FittedModel)>,
     pub(super) context: Context,
 }
 
@@ -106,6 +111,29 @@ impl Start {
         self
     }
 
+    /// With the numerics of the rig and the best effect of a first round there, if that one explains more than `found`, all that was found with
+    /// other numerics: what a simulator is taken to do may stand for what is missing.
+    pub(super) fn without_numerics(
+        &self,
+        found: &FittedModel,
+        said: &mut dyn FnMut(&str),
+    ) -> Option<(Self, Vec<CandidateFit>)> {
+        let (given, base) = self.own.clone()?;
+        let plain = Self { given, base, own: None, ..self.clone() }.with_own_effort();
+        let (base, library) = (&plain.base, plain.library(&plain.base));
+        said("one round without what the simulator of the recordings is taken to do");
+        let asked = Asked { library: &library, near: &[] };
+        let mut trials = round(base, (base, Vec::new()), asked, &plain.context, &mut *said);
+        tell_round(&trials, &plain.context, said);
+        trials.retain(|trial| is_admissible(&trial.hypothesis, plain.context.given, &plain.context));
+        let best = trials.first()?;
+        let ahead = compare(&best.hypothesis, found, &plain.context).total;
+        said(&format!("   {}@{} is {ahead:.0} ahead of what was found", best.candidate.effect, best.candidate.at));
+        let more = best.hypothesis.point.parameters.len().saturating_sub(found.point.parameters.len());
+        trials.truncate(1);
+        is_clear(ahead - price(more, &plain.context)).then_some((plain, trials))
+    }
+
     /// From the first fit on.
     fn after(
         first: FittedModel,
@@ -127,7 +155,7 @@ impl Start {
             held_out: HeldOut::of(experiment, &base.rig).map(Arc::new),
         };
         tell(&base, said);
-        let mut start = Self { pooled, dropped, given, base, context };
+        let mut start = Self { pooled, dropped, given, base, own: None, context };
         let stepped = || stepped_from_given(&experiment.rig, &start.base, &start.context);
         if let Some(base) = with_likeliest_numerics(&start.base, &start.context).or_else(stepped) {
             start.computes_as(base, experiment, said);
@@ -228,6 +256,11 @@ impl Start {
     pub(super) fn computes_as(&mut self, base: FittedModel, experiment: &Experiment, said: &mut dyn FnMut(&str)) {
         said(&numerics_told(base.rig.numerics));
         let rig = computing_as(&experiment.rig, &base);
+        if base.rig.numerics == experiment.rig.numerics {
+            self.own = None;
+        } else if self.base.rig.numerics == experiment.rig.numerics {
+            self.own = Some((self.given.clone(), self.base.clone()));
+        }
         self.given = as_given(&rig, &base.problem.recordings, &self.pooled, &self.context.floors);
         self.base = base;
     }
@@ -343,6 +376,34 @@ mod tests {
         let found: Vec<f64> = estimates(&start.base).iter().map(|(_, of)| of.value).collect();
         let [inertia2, moment2] = found[..] else { panic!("{found:?}") };
         assert!((0.25 * moment2) * (0.25 * moment2) < (0.012 + 1.1 * 0.0625) * inertia2, "{found:?}");
+    }
+
+    /// An offset of which the rig knows nothing, and a base for which a simulator's steps were taken: the offset alone explains more.
+    #[test]
+    fn an_effect_that_explains_more_without_what_a_simulator_does_is_found() {
+        let mut start = start(links("0.055", 0.21));
+        let rig = links("0.055", 0.22);
+        let blank = start.base.problem.recordings[0].clone();
+        let turned = |torque: &str| {
+            let offset = Effect::new(
+                EffectKind::TorqueOffset,
+                "q2",
+                vec![Value { value: torque.parse().unwrap(), bounds: None }],
+            );
+            record(&Rig { effects: vec![offset], ..rig.clone() }, &blank, &[0.2, -0.1], Some(1)).unwrap().measured
+        };
+        let recordings = vec![Recording { measured: turned("0.1"), ..blank.clone() }];
+        start = Start::of(&Experiment { rig: rig.clone(), recordings: recordings.clone() }, 0, &mut |_| {}).unwrap();
+        start.own = None;
+        assert!(start.without_numerics(&start.base.clone(), &mut |_| {}).is_none(), "its numerics are the rig's");
+        let steps = Numerics { euler_step_s: Some(0.01), ..Numerics::default() };
+        let stepped = with_numerics(&start.base, steps, &start.context).unwrap();
+        start.computes_as(stepped, &Experiment { rig, recordings }, &mut |_| {});
+        let found = start.base.clone();
+        let (plain, trials) = start.without_numerics(&found, &mut |_| {}).unwrap();
+        assert_eq!(plain.base.rig.numerics, Numerics::default());
+        assert!(!is_misfit(&trials[0].hypothesis.residuals, &start.context.floors) && trials.len() == 1);
+        assert!(start.without_numerics(&trials[0].hypothesis, &mut |_| {}).is_none(), "no more than what was found");
     }
 
     #[test]
