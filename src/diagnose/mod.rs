@@ -2,9 +2,10 @@
 //!
 //! # The walk
 //! 1. [`pipeline`]: the base fit ([`base_model`], [`base_fit`]), outliers left out, the noise that it leaves ([`likelihood`]), and
-//!    the steps and the smooth sign of friction of the simulator that made the recordings, if one did ([`numerics`]). These are asked
+//!    the steps and the friction of the simulator that made the recordings, if one did ([`numerics`]). These are asked
 //!    again beside the first effect, and beside all that was selected; if others are likelier there, the search starts anew with them,
-//!    and each effect that was found stands among its first candidates.
+//!    and each effect that was found stands among its first candidates. If they gain no more than chance beside what was found, the
+//!    search starts anew without them.
 //!    Where the walk to step 5 names nothing that holds, pieces of the windows are asked ([`horizon`]; where what it names explains most of
 //!    the misfit, for chaotic motion only): the shortest for the base and the numerics, longer ones for effects, which stand among the first candidates of a
 //!    second walk on whole windows. Where they show what was named already, and no better, the first walk stands.
@@ -57,7 +58,7 @@
 //! | what stands beside it? | within two deviations, or within the error of form: 2 and 15 % as above, at most 60 | [`judge::credible_set`] |
 //! | nothing of the library? | a free force .25 ahead of all that was listed, that predicts recordings kept back better than what was listed; over time, only where these do not bear out what was listed | [`judge::nameless`], [`residual_force`] |
 //! | or is it only late? | the same gain beside angles, rates, and forces that go with rates, that are all off by up to an eighth of a row, and touchdowns that take up to 10 ms | [`judge::accept`], [`instants`], [`touchdowns`] |
-//! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back, as it was found, beside other numbers that are fitted there with it and without it; an event in its own, cut into windows that show it, where it leaves at most .25 of the squares above noise; a force without a name whatever it promises | [`judge::confirmation`], [`held_out`] |
+//! | does it hold where it was not fitted? | .25 of what it promises, if it promises more than chance: on recordings kept back, as it was found or else within its intervals, beside other numbers that are fitted there with it and without it; an event in its own, cut into windows that show it, where it leaves at most .25 of the squares above noise; a force without a name whatever it promises | [`judge::confirmation`], [`held_out`] |
 //! | does it matter? | .08 of the misfit, and a strength whose 95 % interval does not reach nothing | [`judge::verdict`], [`interest`] |
 //!
 //! Beside these rules stands one evidence, [`judge::evidence`]: a likelihood whose form is not exact, less what its numbers and the

@@ -32,13 +32,8 @@ pub struct Context {
 /// (Schwarz 1978), with a floor for the search over the library and for the error of form, which grows with the samples.
 #[must_use]
 pub fn detection_threshold(context: &Context, numbers: usize) -> f64 {
-    (LEAST_GAIN_PER_SAMPLE * context.samples as f64).max(LEAST_GAIN) + price(numbers, context)
-}
-
-/// What so many more numbers gain by chance (Schwarz 1978).
-#[must_use]
-pub fn price(numbers: usize, context: &Context) -> f64 {
-    numbers as f64 * libm::log((context.samples as f64).max(2.0))
+    let samples = context.samples as f64;
+    (LEAST_GAIN_PER_SAMPLE * samples).max(LEAST_GAIN) + numbers as f64 * libm::log(samples.max(2.0))
 }
 
 /// True if the best promise of a linear step is too little for a round of fits: a healthy machine is not worth a dozen.

@@ -206,12 +206,6 @@ fn on_whole_windows(
         let stood = Stood { each: if together.is_some() { Vec::new() } else { each }, together };
         selection = searched(experiment, &start, stood, |_| false, said);
     }
-    let is_explained = !selection.added.is_empty();
-    if let Some((plain, each)) = is_explained.then(|| start.without_numerics(&selection.found, said)).flatten() {
-        said("one effect explains more without it: the search begins again");
-        start = plain;
-        selection = searched(experiment, &start, Stood { each, together: None }, |_| false, said);
-    }
     let (last, cut_short) = (selection.last.clone(), selection.cut_short);
     let found = finished(&start, selection, options.least_share, said);
     OnWholeWindows { start, found, last, cut_short }

@@ -4,11 +4,9 @@
 
 use crate::diagnose::base_model::{DiagnoseError, again, ready, runaway};
 use crate::diagnose::input_checks::at_bounds;
-use crate::diagnose::judge::accept::is_admissible;
-use crate::diagnose::judge::criterion::{Context, compare, price};
+use crate::diagnose::judge::criterion::{Context, compare, detection_threshold};
 use crate::diagnose::judge::estimates::estimates;
 use crate::diagnose::judge::evidence::Ledger;
-use crate::diagnose::judge::exchange::is_clear;
 use crate::diagnose::library::candidate_fit::{CandidateFit, SelectedEffect};
 use crate::diagnose::library::candidates::Candidate;
 use crate::diagnose::library::initial_guesses::candidates;
@@ -18,7 +16,6 @@ use crate::diagnose::screen::scales::scales;
 use crate::diagnose::screen::score_test::ScoreTest;
 use crate::diagnose::search::exchange::in_its_place;
 use crate::diagnose::search::numerics::{stepped_from_given, to_its_end, with_likeliest_numerics, with_numerics};
-use crate::diagnose::search::round::{Asked, round, tell as tell_round};
 use crate::diagnose::search::stepwise::Selection;
 use crate::identify::base_fit::{anew, as_given, fitted, follows, lands_elsewhere};
 use crate::identify::experiment::{Experiment, Recording};
@@ -111,29 +108,6 @@ impl Start {
         self
     }
 
-    /// With the numerics of the rig and the best effect of a first round there, if that one explains more than `found`, all that was found with
-    /// other numerics: what a simulator is taken to do may stand for what is missing.
-    pub(super) fn without_numerics(
-        &self,
-        found: &FittedModel,
-        said: &mut dyn FnMut(&str),
-    ) -> Option<(Self, Vec<CandidateFit>)> {
-        let (given, base) = self.own.clone()?;
-        let plain = Self { given, base, own: None, ..self.clone() }.with_own_effort();
-        let (base, library) = (&plain.base, plain.library(&plain.base));
-        said("one round without what the simulator of the recordings is taken to do");
-        let asked = Asked { library: &library, near: &[] };
-        let mut trials = round(base, (base, Vec::new()), asked, &plain.context, &mut *said);
-        tell_round(&trials, &plain.context, said);
-        trials.retain(|trial| is_admissible(&trial.hypothesis, plain.context.given, &plain.context));
-        let best = trials.first()?;
-        let ahead = compare(&best.hypothesis, found, &plain.context).total;
-        said(&format!("   {}@{} is {ahead:.0} ahead of what was found", best.candidate.effect, best.candidate.at));
-        let more = best.hypothesis.point.parameters.len().saturating_sub(found.point.parameters.len());
-        trials.truncate(1);
-        is_clear(ahead - price(more, &plain.context)).then_some((plain, trials))
-    }
-
     /// From the first fit on.
     fn after(
         first: FittedModel,
@@ -175,10 +149,20 @@ impl Start {
         candidates(now, &scales, [&fine, &coarse], &windows)
     }
 
-    /// The base with other numerics, if `found` shows them: the effects that were found beside it may have stood for these.
+    /// The base with other numerics, if `found` shows them: the effects that were found beside it may have stood for these. That with the rig's own
+    /// too, if others gain no more than chance beside what was found: they may have stood for what is missing.
     pub(super) fn base_shown_by(&self, found: &FittedModel) -> Option<FittedModel> {
-        let shown = with_likeliest_numerics(found, &self.context)?;
-        with_numerics(&self.base, shown.rig.numerics, &self.context)
+        match with_likeliest_numerics(found, &self.context) {
+            Some(shown) => with_numerics(&self.base, shown.rig.numerics, &self.context),
+            None => self.own_base_shown_by(found),
+        }
+    }
+
+    fn own_base_shown_by(&self, found: &FittedModel) -> Option<FittedModel> {
+        let (_, own) = self.own.as_ref()?;
+        let plain = with_numerics(found, own.rig.numerics, &self.context)?;
+        let ahead = compare(found, &plain, &self.context).total;
+        (ahead <= detection_threshold(&self.context, 1)).then(|| own.clone())
     }
 
     /// Each effect of `selection`, which was found with other numerics, alone on top of the base: what a search has found the next one
@@ -327,7 +311,7 @@ mod tests {
     use crate::diagnose::judge::numbers::LONGEST_MEMORY;
     use crate::identify::synthesis::record;
     use crate::model::effect::EffectKind;
-    use crate::model::rig::{Effect, Side, Value};
+    use crate::model::rig::{Bounds, Effect, Side, Value};
 
     /// Two links, the second on the first; `moment2` is free.
     fn links(inertia2: &str, moment2: f64) -> Rig {
@@ -378,32 +362,31 @@ mod tests {
         assert!((0.25 * moment2) * (0.25 * moment2) < (0.012 + 1.1 * 0.0625) * inertia2, "{found:?}");
     }
 
-    /// An offset of which the rig knows nothing, and a base for which a simulator's steps were taken: the offset alone explains more.
+    /// A base for which a simulator's steps were taken, of a machine that an offset turns and that does not step.
     #[test]
-    fn an_effect_that_explains_more_without_what_a_simulator_does_is_found() {
-        let mut start = start(links("0.055", 0.21));
+    fn numerics_that_gain_no_more_than_chance_beside_what_was_found_are_none() {
         let rig = links("0.055", 0.22);
-        let blank = start.base.problem.recordings[0].clone();
-        let turned = |torque: &str| {
-            let offset = Effect::new(
-                EffectKind::TorqueOffset,
-                "q2",
-                vec![Value { value: torque.parse().unwrap(), bounds: None }],
-            );
-            record(&Rig { effects: vec![offset], ..rig.clone() }, &blank, &[0.2, -0.1], Some(1)).unwrap().measured
+        let blank = start(rig.clone()).base.problem.recordings[0].clone();
+        let offset = |bounds| Effect::new(EffectKind::TorqueOffset, "q2", vec![Value { value: 0.1, bounds }]);
+        let of = |numerics: Numerics| {
+            let truth = Rig { numerics, effects: vec![offset(None)], ..rig.clone() };
+            let measured = record(&truth, &blank, &[0.2, -0.1], Some(1)).unwrap().measured;
+            let experiment = Experiment { rig: rig.clone(), recordings: vec![Recording { measured, ..blank.clone() }] };
+            let mut start = Start::of(&experiment, 0, &mut |_| {}).unwrap();
+            let exact = with_numerics(&start.base, Numerics::default(), &start.context).unwrap();
+            start.computes_as(exact, &experiment, &mut |_| {});
+            let steps = Numerics { euler_step_s: Some(0.01), ..Numerics::default() };
+            start.computes_as(with_numerics(&start.base, steps, &start.context).unwrap(), &experiment, &mut |_| {});
+            let (problem, point) = start.base.extended(Rig {
+                effects: vec![offset(Some(Bounds { min: -1.0, max: 1.0 }))],
+                ..start.base.rig.clone()
+            });
+            let (noise, floors) = (start.base.noise.clone(), start.context.floors.clone());
+            let found = FittedModel::fitted(problem, point, &noise, &floors, Limits::default()).unwrap();
+            start.base_shown_by(&found).map(|base| base.rig.numerics)
         };
-        let recordings = vec![Recording { measured: turned("0.1"), ..blank.clone() }];
-        start = Start::of(&Experiment { rig: rig.clone(), recordings: recordings.clone() }, 0, &mut |_| {}).unwrap();
-        start.own = None;
-        assert!(start.without_numerics(&start.base.clone(), &mut |_| {}).is_none(), "its numerics are the rig's");
-        let steps = Numerics { euler_step_s: Some(0.01), ..Numerics::default() };
-        let stepped = with_numerics(&start.base, steps, &start.context).unwrap();
-        start.computes_as(stepped, &Experiment { rig, recordings }, &mut |_| {});
-        let found = start.base.clone();
-        let (plain, trials) = start.without_numerics(&found, &mut |_| {}).unwrap();
-        assert_eq!(plain.base.rig.numerics, Numerics::default());
-        assert!(!is_misfit(&trials[0].hypothesis.residuals, &start.context.floors) && trials.len() == 1);
-        assert!(start.without_numerics(&trials[0].hypothesis, &mut |_| {}).is_none(), "no more than what was found");
+        assert_eq!(of(Numerics::default()), Some(Numerics::default()), "it does not step");
+        assert_eq!(of(Numerics { euler_step_s: Some(0.01), ..Numerics::default() }), None, "it steps");
     }
 
     #[test]

@@ -43,12 +43,15 @@ pub fn with_likeliest_numerics(of: &FittedModel, context: &Context) -> Option<Fi
         likeliest(from, all, context)
     };
     let rubbed = |from: &FittedModel| likeliest(from, frictions(from).into_iter(), context);
-    // What is asked first takes some of what the other does: both orders, unless there is but one.
+    let first = stepped(of);
     let best = if has_dry_friction(of) {
-        let orders = [rubbed(&stepped(of)), stepped(&rubbed(of))];
-        orders.into_iter().max_by(|a, b| a.likelihood.total_cmp(&b.likelihood))?
+        let one = rubbed(&first);
+        // What is asked first takes some of what the other does: both orders, of the base, where a fit costs little.
+        let is_base = of.rig.effects.len() == context.given;
+        let other = is_base.then(|| if first.rig.numerics == own { stepped(&one) } else { stepped(&rubbed(of)) });
+        other.filter(|other| other.likelihood > one.likelihood).unwrap_or(one)
     } else {
-        stepped(of)
+        first
     };
     (best.rig.numerics != own && shows_its_numerics(&best, of, context)).then_some(best)
 }

@@ -359,7 +359,7 @@ pub fn polish(base: &FittedModel, trials: &mut [CandidateFit], context: &Context
 }
 
 /// Says how the candidates of a round did.
-pub(in crate::diagnose) fn tell(trials: &[CandidateFit], context: &Context, said: &mut dyn FnMut(&str)) {
+pub(super) fn tell(trials: &[CandidateFit], context: &Context, said: &mut dyn FnMut(&str)) {
     for t in trials.iter().take(6) {
         let effect = t.hypothesis.rig.effects.last();
         let values: Vec<f64> = effect.map(|e| e.values.iter().map(|v| v.value).collect()).unwrap_or_default();
