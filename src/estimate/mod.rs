@@ -251,7 +251,8 @@ impl Estimator {
             now,
             seen: snapshot,
             stance: self.stance,
-            elsewhere: self.weight.elsewhere(),
+            elsewhere: self.weight.beside(self.stance),
+            here: self.weight.beside(self.stance.other()),
             height_m: self.swing_height_m(ts, tw, &snapshot.toe_position_m),
         };
         let verdict = self.touchdown.judge(&signs);
@@ -311,7 +312,7 @@ impl Estimator {
             self.weight.pause();
             return self.bias.restart();
         }
-        self.weight.step(&model, self.stance, &measured, m.dt_s);
+        self.weight.step(&self.models, &[Leg::Inner, Leg::Outer].map(|leg| m.stance_first(leg)), m.dt_s);
         // A mean rate that mixes before and after a touchdown says nothing about the moment of gravity.
         if self.landed != Stamp::NEVER && self.last.since(self.landed) < SETTLING {
             return self.bias.restart();
@@ -353,8 +354,8 @@ impl Estimator {
             hip_twist_rad_s: elastic * (vphi - (vs - vw)),
             attitude_bias_rad: self.bias.bias_rad(),
             steps: self.steps,
-            weight_elsewhere: self.weight.elsewhere(),
-            stance_doubt: if self.is_settled(now) { doubt(self.weight.elsewhere()) } else { 0.0 },
+            weight_elsewhere: self.weight.beside(self.stance),
+            stance_doubt: if self.is_settled(now) { doubt(self.weight.beside(self.stance)) } else { 0.0 },
             stuck_pots: self.touchdown.stuck(),
         }
     }

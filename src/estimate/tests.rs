@@ -115,6 +115,24 @@ fn perfect_model_passes_through_unaltered() {
 }
 
 #[test]
+fn a_foot_that_stands_unnoticed_near_the_vertical_is_found_by_the_two_balances() {
+    // The legs nearly side by side, no blow, and the torque drives the leg that is taken to stand.
+    for (leg, name) in [(Leg::Inner, "inner"), (Leg::Outer, "outer")] {
+        let mut estimator = Estimator::new(&config(&[&format!("control.stance={name}")])).unwrap();
+        let (stands, unit) = (leg.other(), config(&[]).robot.model.params().inertia_kg_m2());
+        let model = model(stands);
+        let mut truth = start(&[0.03, -0.01, -0.33, -0.4]);
+        let applied = 12.0 * stance_sign(leg);
+        estimator.follow(ms(0), &snapshot(ms(0), stands, &truth));
+        let found_ms = (1..300).find(|&k| {
+            truth = model.predict(&truth, stance_sign(stands) * applied / unit, 1e-3);
+            estimator.step(ms(k), &snapshot(ms(k), stands, &truth), &command(applied)).stance == stands
+        });
+        assert!(found_ms.is_some_and(|k| k < 100), "{name}: {found_ms:?}");
+    }
+}
+
+#[test]
 fn bias_is_learnt_with_its_time_constant_whatever_the_torque() {
     // The robot stands still at the upright, held by an unknown friction against an unknown torque; the IMU is wrong.
     for (leg, name) in [(Leg::Inner, "inner"), (Leg::Outer, "outer")] {

@@ -10,6 +10,8 @@
 //! met the ground. Springs see blows only, so the second sign of contact is [`super::weight`]: which foot carries the robot.
 //! A touchdown too soft for the springs is noticed by the weight; a blow after which the weight stays where it was (a toe
 //! that knocked something) is taken back. In between there is doubt, and the torque fades with it.
+//! A foot that stands unnoticed is found by both balances: the one about the foot that is taken to stand, and now swings,
+//! breaks; the one about the foot that stands holds.
 //!
 //! A potentiometer that shows a blow all the time, or none where its twin does, is no longer asked. With one toe of a leg
 //! left the robot walks on; with none it does not know when that leg lands by its springs and says so.
@@ -64,8 +66,10 @@ pub(super) struct Signs<'a> {
     pub(super) seen: &'a Snapshot,
     /// The leg that is taken to stand.
     pub(super) stance: Leg,
-    /// Share of the weight on the other foot.
+    /// Share of the weight on the other foot, by the balance about this one.
     pub(super) elsewhere: f64,
+    /// Share of the weight on this foot, by the balance about the other one: 0 = that one stands alone.
+    pub(super) here: f64,
     /// Height of the other foot over the level of this one, m.
     pub(super) height_m: f64,
 }
@@ -185,10 +189,17 @@ impl Detector {
     fn is_carried(&mut self, signs: &Signs<'_>) -> bool {
         let dt_s = if self.looked == Stamp::NEVER { 0.0 } else { signs.now.since(self.looked).as_s() };
         self.looked = signs.now;
-        let more_s = (signs.elsewhere - HALF) * dt_s.clamp(0.0, LONGEST_LOOK_S);
+        let unlikely = 1.0 + signs.height_m.max(0.0) / UNLIKELY_M;
+        let broken = signs.here.abs().max(HALF);
+        // Less than none on the other foot: this one moves, and the balance about it says nothing of the weight any more. If the
+        // balance about the other foot holds, that one stands, however high it seems: no push along a leg looks like that.
+        let moves = (-signs.elsewhere - broken) * unlikely;
+        // To take a change back the balance about the old foot must hold: a foot that lands on an edge slides down from it first.
+        let carries = signs.elsewhere - if self.on_trial { broken } else { HALF };
+        let more_s = carries.max(moves) * dt_s.clamp(0.0, LONGEST_LOOK_S);
         // NaN says nothing: `max` leaves it out.
         self.carried_s = (self.carried_s + more_s).max(0.0);
-        self.carried_s > CARRIED_S * (1.0 + signs.height_m.max(0.0) / UNLIKELY_M)
+        self.carried_s > CARRIED_S * unlikely
     }
 
     /// A toe of the swing leg that can be believed shows a blow.
@@ -268,11 +279,17 @@ mod tests {
         }
 
         fn on_at(&mut self, ms: i64, toe_spring_m: [f64; 4], elsewhere: f64, height_m: f64) -> Vec<Verdict> {
+            self.on_both(ms, toe_spring_m, [elsewhere, 1.0 - elsewhere], height_m)
+        }
+
+        /// `shares`: of the weight beside this foot, by the balance about it, and beside the other one.
+        fn on_both(&mut self, ms: i64, toe_spring_m: [f64; 4], shares: [f64; 2], height_m: f64) -> Vec<Verdict> {
+            let [elsewhere, here] = shares;
             let seen = Snapshot { toe_spring_m, toe_age: Span::from_ms(2), ..Snapshot::default() };
             let mut verdicts = Vec::new();
             for _ in 0..ms {
                 self.now += Span::from_ms(1);
-                let signs = Signs { now: self.now, seen: &seen, stance: self.stance, elsewhere, height_m };
+                let signs = Signs { now: self.now, seen: &seen, stance: self.stance, elsewhere, here, height_m };
                 let verdict = self.detector.judge(&signs);
                 if verdict != Verdict::Stays {
                     verdicts.push(verdict);
@@ -327,12 +344,35 @@ mod tests {
     }
 
     #[test]
+    fn a_foot_that_stands_is_noticed_while_the_other_one_swings_however_high_it_seems() {
+        for here in [0.0, 0.3, -0.3] {
+            let mut walk = Walk::new();
+            walk.on(200, AIR, 0.0);
+            assert_eq!(walk.on_both(20, AIR, [-1.2, here], 0.028), [Verdict::ChangedBefore], "{here}");
+        }
+        // Neither balance holds: a push, or a foot that slides.
+        let mut walk = Walk::new();
+        assert!(
+            walk.on_both(300, AIR, [-1.2, 1.2], 0.0).is_empty() && walk.on_both(300, AIR, [-1.2, -1.2], 0.0).is_empty()
+        );
+        // Both hold: the feet are side by side.
+        assert!(walk.on_both(300, AIR, [0.0, 0.0], 0.0).is_empty());
+    }
+
+    #[test]
     fn a_knock_after_which_the_weight_stays_is_taken_back() {
         let mut walk = Walk::new();
         assert_eq!(walk.on(6, OUTER, 0.0), [Verdict::Changes]);
         // The weight is still on the inner foot: all of it elsewhere than on the outer one.
         assert_eq!(walk.on(40, AIR, 1.0), [Verdict::TakenBack]);
         assert_eq!(walk.stance, Leg::Inner);
+    }
+
+    #[test]
+    fn a_landing_on_an_edge_is_not_taken_back_while_neither_balance_holds() {
+        let mut walk = Walk::new();
+        assert_eq!(walk.on(6, OUTER, 0.0), [Verdict::Changes]);
+        assert!(walk.on_both(80, AIR, [1.5, 1.5], 0.0).is_empty());
     }
 
     #[test]
@@ -343,7 +383,7 @@ mod tests {
         let mut off = Walk { detector: Detector::new(0.0), ..Walk::new() };
         assert!(off.on(50, OUTER, 1.0).is_empty());
         let seen = Snapshot { toe_spring_m: OUTER, toe_age: Span::from_ms(30), ..Snapshot::default() };
-        let signs = Signs { now: walk.now, seen: &seen, stance: Leg::Inner, elsewhere: 0.0, height_m: 0.0 };
+        let signs = Signs { now: walk.now, seen: &seen, stance: Leg::Inner, elsewhere: 0.0, here: 1.0, height_m: 0.0 };
         assert_eq!(walk.detector.judge(&signs), Verdict::Stays, "old");
         let fresh = Snapshot { toe_age: Span::from_ms(2), ..seen };
         let high = Signs { seen: &fresh, height_m: 0.1, ..signs };

@@ -11,6 +11,9 @@
 //! A share that was believed is forgotten toward none: blind while the feet are side by side (d = 0), it says what it
 //! believes of a foot in the air.
 //!
+//! Both suppositions are followed: each foot stands. The momentum is that about a foot at rest, so about a foot that swings the
+//! balance breaks, and its share says nothing. The balance about the foot that stands goes on to hold, whichever foot moves.
+//!
 //! It needs no contact sensor, so it affirms what the toe springs say, notices a touchdown that they missed, and takes back
 //! one that never was.
 //! Own derivation; proven by the tests of [`super::touchdown`] and by the walks in `sim`.
@@ -24,8 +27,9 @@ use crate::msg::Leg;
 /// What a wrong model, a wrong attitude and a floor that is not level leave unexplained, as the weight so far beside the
 /// foot, in leg lengths. Feet nearer than this say nothing of the share.
 const UNEXPLAINED: f64 = 0.04;
-/// What a share can be, a model's error included.
-const SHARES: [f64; 2] = [-0.5, 1.5];
+/// What is believed of a share at most, either way, a model's error included. Less than none cannot be on the other foot: the
+/// foot that is supposed to stand moves.
+const LARGEST_SHARE: f64 = 1.5;
 /// A share is forgotten in this time, s: less than half of the shortest step.
 const MEMORY_S: f64 = 0.04;
 /// Standard deviation of a share of which nothing is known: all or nothing.
@@ -39,9 +43,56 @@ const GYRO_RAD_S: f64 = 0.005;
 /// Standard deviation of the momentum before the first sample, normalised, 1/s: any rate of a walk.
 const ANY_MOMENTUM: f64 = 3.0;
 
-/// Momentum about the foot that is supposed to stand, and its change that gravity does not explain.
+/// The balance under both suppositions: each foot stands. Inner, outer.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Weight {
+    about: [AboutFoot; 2],
+}
+
+impl Weight {
+    /// `count_rad`: of the hip's encoder.
+    pub(super) fn new(count_rad: f64) -> Self {
+        Self { about: [AboutFoot::new(count_rad); 2] }
+    }
+
+    /// Forgets all.
+    pub(super) fn reset(&mut self) {
+        self.about.iter_mut().for_each(AboutFoot::reset);
+    }
+
+    /// Another foot is supposed to stand from now on.
+    pub(super) fn change(&mut self) {
+        self.about.iter_mut().for_each(AboutFoot::change);
+    }
+
+    /// Samples are missing: the momentum is not carried on.
+    pub(super) fn pause(&mut self) {
+        self.about.iter_mut().for_each(AboutFoot::pause);
+    }
+
+    /// An IMU sample; models of the inner and of the outer leg as the one that stands, `measured` `[θs, θw, θ̇s, θ̇w]` for each,
+    /// the rates being means since the sample before.
+    pub(super) fn step(&mut self, models: &[StanceModel; 2], measured: &[[f64; 4]; 2], dt_s: f64) {
+        let [inner, outer] = &mut self.about;
+        let ([inner_model, outer_model], [of_inner, of_outer]) = (models, measured);
+        inner.step(inner_model, Leg::Inner, of_inner, dt_s);
+        outer.step(outer_model, Leg::Outer, of_outer, dt_s);
+    }
+
+    /// Share of the weight that the other foot carries, by the balance about the foot of `stance`: 0 = that one stands alone,
+    /// 1 = the other one does. Near 0 while the feet are side by side.
+    pub(super) const fn beside(&self, stance: Leg) -> f64 {
+        let [inner, outer] = &self.about;
+        match stance {
+            Leg::Inner => inner.elsewhere(),
+            Leg::Outer => outer.elsewhere(),
+        }
+    }
+}
+
+/// Momentum about a foot that is supposed to stand, and its change that gravity does not explain.
+#[derive(Clone, Copy, Debug)]
+struct AboutFoot {
     /// Standard deviation of a hip reading, rad.
     hip_rad: f64,
     /// `[Λ less what was measured, L, s]`.
@@ -51,28 +102,28 @@ pub(super) struct Weight {
     blank_s: f64,
 }
 
-impl Weight {
+impl AboutFoot {
     /// `count_rad`: of the hip's encoder.
-    pub(super) fn new(count_rad: f64) -> Self {
-        let mut weight = Self { hip_rad: count_rad / libm::sqrt(12.0), x: [0.0; 3], p: [[0.0; 3]; 3], blank_s: 0.0 };
-        weight.begin(0.0);
-        weight
+    fn new(count_rad: f64) -> Self {
+        let mut about = Self { hip_rad: count_rad / libm::sqrt(12.0), x: [0.0; 3], p: [[0.0; 3]; 3], blank_s: 0.0 };
+        about.begin(0.0);
+        about
     }
 
     /// Forgets all.
-    pub(super) const fn reset(&mut self) {
+    const fn reset(&mut self) {
         self.begin(0.0);
         self.blank_s = 0.0;
     }
 
     /// The other foot is supposed to stand from now on.
-    pub(super) const fn change(&mut self) {
+    const fn change(&mut self) {
         self.begin(UNDECIDED);
         self.blank_s = BLANK_S;
     }
 
     /// Samples are missing: the momentum is not carried on.
-    pub(super) const fn pause(&mut self) {
+    const fn pause(&mut self) {
         let [.., share] = self.x;
         let [_, _, [.., spread]] = self.p;
         self.begin(share);
@@ -87,7 +138,7 @@ impl Weight {
 
     /// An IMU sample; `model` of the leg that is supposed to stand, `measured` `[θs, θw, θ̇s, θ̇w]`, the rates being means
     /// since the sample before.
-    pub(super) fn step(&mut self, model: &StanceModel, stance: Leg, measured: &[f64; 4], dt_s: f64) {
+    fn step(&mut self, model: &StanceModel, stance: Leg, measured: &[f64; 4], dt_s: f64) {
         self.blank_s -= dt_s;
         if self.blank_s > 0.0 {
             return;
@@ -99,8 +150,8 @@ impl Weight {
             Leg::Outer => b.by_stance,
         };
         self.correct(of_hip * self.hip_rad);
-        let ([.., share], [least, most]) = (&mut self.x, SHARES);
-        *share = share.clamp(least, most);
+        let [.., share] = &mut self.x;
+        *share = share.clamp(-LARGEST_SHARE, LARGEST_SHARE);
         if !self.x.iter().all(|x| x.is_finite()) {
             self.reset();
         }
@@ -143,9 +194,8 @@ impl Weight {
         }
     }
 
-    /// Share of the weight that the other foot carries: 0 = the foot that is supposed to stand stands alone, 1 = the other
-    /// one does. Near 0 while the feet are side by side.
-    pub(super) const fn elsewhere(&self) -> f64 {
+    /// Share of the weight on the other foot.
+    const fn elsewhere(&self) -> f64 {
         let [.., share] = self.x;
         share
     }
