@@ -309,9 +309,8 @@ fn sensing(s: &SensorScale, scales: &Scales) -> Vec<Candidate> {
 /// Longest memory of a sensor, in windows.
 const MEMORY: f64 = 0.2;
 
-/// Most that a reading drifts over a recording, in parts of its spread: a reading that is nothing but drift, a ramp, spreads by 1/√12 of its
-/// way.
-const DRIFT: f64 = 3.464_101_615_137_754_6;
+/// Most that a reading drifts over a recording, in parts of its spread: beyond, it is the reading itself.
+const DRIFT: f64 = 1.0;
 
 fn ground(leg_m: f64, scales: &Scales) -> Vec<Candidate> {
     let at = "ground";

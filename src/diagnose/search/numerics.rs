@@ -42,12 +42,12 @@ pub fn with_likeliest_numerics(of: &FittedModel, context: &Context) -> Option<Fi
         let all = steps.iter().map(|euler_step_s| Numerics { euler_step_s: *euler_step_s, ..from.rig.numerics });
         likeliest(from, all, context)
     };
-    let rubbed = |from: &FittedModel| likeliest(from, frictions(from).into_iter(), context);
+    let is_base = of.rig.effects.len() == context.given;
+    let rubbed = |from: &FittedModel| likeliest(from, frictions(from, is_base).into_iter(), context);
     let first = stepped(of);
     let best = if has_dry_friction(of) {
         let one = rubbed(&first);
         // What is asked first takes some of what the other does: both orders, of the base, where a fit costs little.
-        let is_base = of.rig.effects.len() == context.given;
         let other = is_base.then(|| if first.rig.numerics == own { stepped(&one) } else { stepped(&rubbed(of)) });
         other.filter(|other| other.likelihood > one.likelihood).unwrap_or(one)
     } else {
@@ -85,12 +85,14 @@ fn shows_its_numerics(fit: &FittedModel, of: &FittedModel, context: &Context) ->
     compare(fit, of, context).total > detection_threshold(context, 1) && !is_misfit(&fit.residuals, &context.floors)
 }
 
-/// The ways in which a simulator may take friction that are tried: it sticks, its sign is smooth, or it is a soft constraint.
-fn frictions(of: &FittedModel) -> Vec<Numerics> {
-    let sticks = Numerics { smooth_rate: None, soft_friction_s: None, ..of.rig.numerics };
+/// The ways in which a simulator may take friction that are tried: it sticks, its sign is smooth, or, of the base, it is a soft constraint. Beside
+/// an effect that would stand for how the friction of a machine gives.
+fn frictions(of: &FittedModel, is_base: bool) -> Vec<Numerics> {
+    let own = of.rig.numerics;
+    let sticks = Numerics { smooth_rate: None, soft_friction_s: None, ..own };
     let smooth = SMOOTH_RATES.map(|rate| Numerics { smooth_rate: Some(rate), ..sticks });
     let soft = SOFT_FRICTIONS_S.map(|time_s| Numerics { soft_friction_s: Some(time_s), ..sticks });
-    [&[sticks][..], &smooth, &soft].concat()
+    [&[sticks][..], &smooth, if is_base { &soft } else { &[] }].concat()
 }
 
 fn has_dry_friction(of: &FittedModel) -> bool {
