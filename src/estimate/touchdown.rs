@@ -190,12 +190,12 @@ impl Detector {
         let dt_s = if self.looked == Stamp::NEVER { 0.0 } else { signs.now.since(self.looked).as_s() };
         self.looked = signs.now;
         let unlikely = 1.0 + signs.height_m.max(0.0) / UNLIKELY_M;
-        let broken = signs.here.abs().max(HALF);
+        let here = signs.here.abs();
         // Less than none on the other foot: this one moves, and the balance about it says nothing of the weight any more. If the
-        // balance about the other foot holds, that one stands, however high it seems: no push along a leg looks like that.
-        let moves = (-signs.elsewhere - broken) * unlikely;
-        // To take a change back the balance about the old foot must hold: a foot that lands on an edge slides down from it first.
-        let carries = signs.elsewhere - if self.on_trial { broken } else { HALF };
+        // balance about the other foot holds, that one stands, however high it seems. After a push neither holds.
+        let moves = if here < HALF { (-signs.elsewhere - HALF) * unlikely } else { f64::NEG_INFINITY };
+        // To take a change back the balance about the old foot must hold: a foot that lands on an edge slides on it first.
+        let carries = signs.elsewhere - if self.on_trial { here.max(HALF) } else { HALF };
         let more_s = carries.max(moves) * dt_s.clamp(0.0, LONGEST_LOOK_S);
         // NaN says nothing: `max` leaves it out.
         self.carried_s = (self.carried_s + more_s).max(0.0);
