@@ -12,7 +12,7 @@ impl Confirmation {
     /// True if it speaks for the one model against another of as many numbers.
     #[must_use]
     pub fn bears_out(&self, context: &Context) -> bool {
-        is_borne_out(self.promised, self.gained, context)
+        self.replicates(0, context)
     }
 
     /// True if it speaks for a force that has no other claim than that it is seen.
@@ -24,7 +24,7 @@ impl Confirmation {
     /// True if it speaks for an effect of so many numbers.
     #[must_use]
     pub fn replicates(&self, numbers: usize, context: &Context) -> bool {
-        self.promised > detection_threshold(context, numbers) && is_kept(self.promised, self.gained)
+        is_borne_out(self.promised, self.gained, numbers, context)
     }
 
     /// True if it speaks against an effect of so many numbers.
@@ -60,10 +60,10 @@ fn is_removed_where_it_acts(left: f64) -> bool {
     left <= QUARTER
 }
 
-/// True if recordings that were not fitted speak for one model against another: the change between them is more than chance, and
-/// [`QUARTER`] of it is so.
-fn is_borne_out(promised: f64, gained: f64, context: &Context) -> bool {
-    promised > detection_threshold(context, 0) && is_kept(promised, gained)
+/// True if recordings that were not fitted speak for one model against another that has so many numbers less: the change between them is
+/// more than chance, and [`QUARTER`] of it is so.
+fn is_borne_out(promised: f64, gained: f64, numbers: usize, context: &Context) -> bool {
+    promised > detection_threshold(context, numbers) && is_kept(promised, gained)
 }
 
 #[cfg(test)]

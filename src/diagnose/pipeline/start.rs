@@ -162,7 +162,7 @@ impl Start {
         let (_, own) = self.own.as_ref()?;
         let plain = with_numerics(found, own.rig.numerics, &self.context)?;
         let ahead = compare(found, &plain, &self.context).total;
-        (ahead <= detection_threshold(&self.context, 1)).then(|| own.clone())
+        (ahead <= detection_threshold(&self.context, 1)).then(|| own.counted_with(&self.base))
     }
 
     /// Each effect of `selection`, which was found with other numerics, alone on top of the base: what a search has found the next one

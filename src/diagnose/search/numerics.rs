@@ -48,7 +48,8 @@ pub fn with_likeliest_numerics(of: &FittedModel, context: &Context) -> Option<Fi
     let best = if has_dry_friction(of) {
         let one = rubbed(&first);
         // What is asked first takes some of what the other does: both orders, of the base, where a fit costs little.
-        let other = is_base.then(|| if first.rig.numerics == own { stepped(&one) } else { stepped(&rubbed(of)) });
+        let is_asked = is_base && one.rig.numerics != own;
+        let other = is_asked.then(|| if first.rig.numerics == own { stepped(&one) } else { stepped(&rubbed(of)) });
         other.filter(|other| other.likelihood > one.likelihood).unwrap_or(one)
     } else {
         first
